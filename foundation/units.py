@@ -13,8 +13,18 @@ import pint
 
 from foundation.errors import UnitError
 
-_ALIASES = {"": "", "1": "", "-": "", "%": "percent", "°": "degree", "deg/s": "degree/s",
-            "°/s": "degree/s", "Ohm": "ohm", "degC": "degC", "l": "liter"}
+_ALIASES = {
+    "": "",
+    "1": "",
+    "-": "",
+    "%": "percent",
+    "°": "degree",
+    "deg/s": "degree/s",
+    "°/s": "degree/s",
+    "Ohm": "ohm",
+    "degC": "degC",
+    "l": "liter",
+}
 _FACTOR = re.compile(r"([A-Za-zµ°%_]+)(-?\d+)?")
 
 
@@ -32,7 +42,9 @@ def _pint_text(unit: str) -> str:
     if "**" in text or "^" in text:
         return text
     text = text.replace("(", " ( ").replace(")", " ) ").replace(".", "*")
-    return _FACTOR.sub(lambda m: f"{_ALIASES.get(m[1], m[1])}" + (f"**{m[2]}" if m[2] else ""), text)
+    return _FACTOR.sub(
+        lambda m: f"{_ALIASES.get(m[1], m[1])}" + (f"**{m[2]}" if m[2] else ""), text
+    )
 
 
 def factor_and_offset(source: str, target: str, *, where: str = "") -> tuple[float, float]:
@@ -60,13 +72,21 @@ def factor_and_offset(source: str, target: str, *, where: str = "") -> tuple[flo
         one = registry.Quantity(1.0, _pint_text(source)).to(_pint_text(target)).magnitude
     except pint.DimensionalityError as error:
         raise UnitError(
-            f"'{source}' cannot be converted to '{target}'", where=where,
+            f"'{source}' cannot be converted to '{target}'",
+            where=where,
             remedy="correct `unit` in the channel map",
         ) from error
-    except (pint.UndefinedUnitError, pint.PintError, ValueError, TypeError, AttributeError,
-            SyntaxError) as error:
+    except (
+        pint.UndefinedUnitError,
+        pint.PintError,
+        ValueError,
+        TypeError,
+        AttributeError,
+        SyntaxError,
+    ) as error:
         raise UnitError(
-            f"unit '{source}' or '{target}' is not known", where=where,
+            f"unit '{source}' or '{target}' is not known",
+            where=where,
             remedy="write it in SI symbols, such as rad/s, N.m or kg.m2",
         ) from error
     return float(one - zero), float(zero)

@@ -1,0 +1,184 @@
+"""Alias elimination: variables that equal another one (or its negative, or a number) are removed.
+
+Connections produce mostly such equations. Removing them here matters for more than size: an effect
+that writes `der(flange.phi)` makes its flange angle a state, equal to a state of the plant.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+from fmus.dae import Alias, Dae, Reinit, Role, Variable, WhenEquation
+from fmus.expressions import (
+    Delayed,
+    Derivative,
+    Expression,
+    Literal,
+    Operation,
+    Previous,
+    Relation,
+    Symbol,
+    linear_form,
+    substitute,
+    walk,
+)
+
+
+@dataclass(frozen=True)
+class _Link:
+    """`removed` equals `sign` · `kept`."""
+
+    removed: str
+    kept: str
+    sign: float
+
+
+def without_aliases(dae: Dae) -> Dae:
+    """Return the model without equations of the form a = ±b and a = number.
+
+    Derivatives follow: where a state is removed, the variable that stays becomes the state.
+    """
+    aliases: dict[str, Alias] = {}
+    while True:
+        step = _find(dae)
+        if step is None:
+            return replace(dae, aliases=aliases)
+        index, link, value = step
+        dae = _drop_equation(dae, index)
+        if link is None:
+            assert value is not None
+            name, number = value
+            dae = _replace_all(dae, {name: (Literal(number), Literal(0.0))}, name)
+            continue
+        dae = _merge(dae, link)
+        aliases = {
+            name: Alias(name, link.kept, alias.sign * link.sign)
+            if alias.of == link.removed
+            else alias
+            for name, alias in aliases.items()
+        }
+        aliases[link.removed] = Alias(link.removed, link.kept, link.sign)
+
+
+def _find(dae: Dae) -> tuple[int, _Link | None, tuple[str, float] | None] | None:
+    for index, residual in enumerate(dae.residuals):
+        form = linear_form(residual)
+        if form is None or len(form[0]) not in (1, 2):
+            continue
+        terms, constant = form
+        if any(isinstance(term, Derivative) for term in terms):
+            continue
+        symbols = [(term.name, k) for term, k in terms.items() if isinstance(term, Symbol)]
+        if len(symbols) == 1:
+            name, k = symbols[0]
+            variable = dae.variables[name]
+            if variable.role is Role.ALGEBRAIC and not variable.output:
+                return index, None, (name, -constant / k)
+            continue
+        (a, ka), (b, kb) = symbols
+        if constant != 0.0 or abs(ka) != abs(kb):
+            continue
+        sign = -kb / ka  # a = sign·b
+        removed, kept = _choose(dae.variables[a], dae.variables[b])
+        if removed is not None and kept is not None:
+            return index, _Link(removed.name, kept.name, sign), None
+    return None
+
+
+def _choose(a: Variable, b: Variable) -> tuple[Variable | None, Variable | None]:
+    """Return (removed, kept): what the user declared at the top stays, inner copies go."""
+    removable = [v for v in (a, b) if v.role in (Role.ALGEBRAIC, Role.STATE)]
+    if not removable:
+        return None, None
+    if len(removable) == 1:
+        removed = removable[0]
+        kept = b if removed is a else a
+        # A state cannot follow an input or a parameter; an output keeps a name of its own.
+        if removed.role is Role.STATE or removed.output or kept.role is Role.DISCRETE:
+            return None, None
+        return removed, kept
+    if a.output and b.output:
+        return None, None
+
+    def rank(v: Variable) -> tuple[bool, int, int]:
+        return (not v.output, v.name.count("."), len(v.name))
+
+    kept, removed = sorted((a, b), key=rank)
+    return removed, kept
+
+
+def _drop_equation(dae: Dae, index: int) -> Dae:
+    residuals = dae.residuals[:index] + dae.residuals[index + 1 :]
+    positions = dae.residual_positions[:index] + dae.residual_positions[index + 1 :]
+    return replace(dae, residuals=residuals, residual_positions=positions)
+
+
+def _merge(dae: Dae, link: _Link) -> Dae:
+    removed, kept = dae.variables[link.removed], dae.variables[link.kept]
+    variables = dict(dae.variables)
+    if removed.role is Role.STATE and kept.role is Role.ALGEBRAIC:
+        start, fixed = kept.start, kept.fixed
+        if not fixed and removed.fixed and removed.start is not None:
+            start = removed.start if link.sign > 0 else Operation("negate", (removed.start,))
+            fixed = True
+        variables[link.kept] = replace(kept, role=Role.STATE, start=start, fixed=fixed)
+    dae = replace(dae, variables=variables)
+    value, derivative = Symbol(link.kept), Derivative(link.kept)
+    if link.sign < 0:
+        new = (Operation("negate", (value,)), Operation("negate", (derivative,)))
+    else:
+        new = (value, derivative)
+    return _replace_all(dae, {link.removed: new}, link.removed)
+
+
+def _replace_all(dae: Dae, new: Mapping[str, tuple[Expression, Expression]], removed: str) -> Dae:
+    """Put (value, derivative) in the place of a variable everywhere, and forget the variable."""
+
+    def swap(node: Expression) -> Expression | None:
+        match node:
+            case Symbol(name=name) | Previous(name=name) if name in new:
+                return new[name][0]
+            case Derivative(name=name) if name in new:
+                return new[name][1]
+            case _:
+                return None
+
+    memo: dict[int, Expression] = {}
+
+    def go(expression: Expression) -> Expression:
+        return substitute(expression, swap, memo)
+
+    relations: list[Relation] = []
+    for relation in dae.relations:
+        changed = go(relation)
+        assert isinstance(changed, Relation)
+        relations.append(changed)
+    delays: list[Delayed] = []
+    for delay in dae.delays:
+        changed = go(delay)
+        assert isinstance(changed, Delayed)
+        delays.append(changed)
+    return replace(
+        dae,
+        variables={name: v for name, v in dae.variables.items() if name != removed},
+        residuals=tuple(go(r) for r in dae.residuals),
+        initial_residuals=tuple(go(r) for r in dae.initial_residuals),
+        relations=tuple(relations),
+        delays=tuple(delays),
+        reinits=tuple(
+            Reinit(
+                r.state if r.state != removed else _target(new[removed][0]),
+                go(r.value),
+                go(r.trigger),
+            )
+            for r in dae.reinits
+        ),
+        when_equations=tuple(
+            WhenEquation(go(w.residual), go(w.trigger)) for w in dae.when_equations
+        ),
+    )
+
+
+def _target(expression: Expression) -> str:
+    return next(node.name for node in walk(expression) if isinstance(node, Symbol))

@@ -1,0 +1,199 @@
+"""The flat hybrid model that the front end delivers, typed: the one form all later stages read."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import Enum
+from functools import cached_property
+
+from fmus.expressions import Delayed, Expression, Literal, Relation, Symbol, evaluate, walk
+
+
+class Role(Enum):
+    """What a variable is to the equations."""
+
+    PARAMETER = "parameter"
+    CONSTANT = "constant"
+    INPUT = "input"
+    STATE = "state"
+    ALGEBRAIC = "algebraic"
+    DISCRETE = "discrete"
+
+
+class ScalarType(Enum):
+    """Type of a scalar variable."""
+
+    REAL = "real"
+    INTEGER = "integer"
+    BOOLEAN = "boolean"
+
+
+@dataclass(frozen=True)
+class Position:
+    """A place in Modelica source; line and column count from 1."""
+
+    file: str
+    line: int
+    column: int
+
+    def __str__(self) -> str:
+        return f"{self.file}:{self.line}:{self.column}"
+
+
+@dataclass(frozen=True)
+class Variable:
+    """One scalar variable of the flat model.
+
+    Attributes:
+        name: Full name, with dots.
+        output: Declared `output` at the top level.
+        start: Start value of a state or algebraic; for an input its default.
+        fixed: The start is an initial equation.
+        binding: Value of a parameter or constant.
+        tunable: The value may change between runs (not `final`, not structural).
+        known: Declared `annotation(__twinproof(known=true))`: never fitted.
+        position: Where it is declared.
+    """
+
+    name: str
+    role: Role
+    type: ScalarType = ScalarType.REAL
+    output: bool = False
+    unit: str = ""
+    display_unit: str = ""
+    description: str = ""
+    start: Expression | None = None
+    fixed: bool = False
+    minimum: Expression | None = None
+    maximum: Expression | None = None
+    nominal: Expression | None = None
+    binding: Expression | None = None
+    tunable: bool = False
+    known: bool = False
+    flow: bool = False
+    position: Position | None = None
+
+
+@dataclass(frozen=True)
+class Reinit:
+    """`when trigger then reinit(state, value)`."""
+
+    state: str
+    value: Expression
+    trigger: Expression
+
+
+@dataclass(frozen=True)
+class WhenEquation:
+    """`when trigger then target = value`, as a residual in target that vanishes at the event."""
+
+    residual: Expression
+    trigger: Expression
+
+
+@dataclass(frozen=True)
+class Alias:
+    """`name` equals `sign` times the variable `of` (which has no alias itself)."""
+
+    name: str
+    of: str
+    sign: float
+
+
+@dataclass(frozen=True)
+class Dae:
+    """A flat model: 0 = residual(time, x, der(x), z, u, p) with events.
+
+    Attributes:
+        name: Short class name.
+        variables: All variables by name, in order of declaration.
+        residuals: Continuous equations; each vanishes.
+        residual_positions: Where each was written.
+        initial_residuals: Equations that hold at the start only.
+        relations: Comparisons that make events, by index.
+        delays: Delay operators, by index.
+        reinits: State changes at events.
+        when_equations: Discrete equations.
+        aliases: Variables removed because another one equals them.
+        description: Description string of the class.
+    """
+
+    name: str
+    variables: Mapping[str, Variable]
+    residuals: tuple[Expression, ...]
+    residual_positions: tuple[Position | None, ...] = ()
+    initial_residuals: tuple[Expression, ...] = ()
+    relations: tuple[Relation, ...] = ()
+    delays: tuple[Delayed, ...] = ()
+    reinits: tuple[Reinit, ...] = ()
+    when_equations: tuple[WhenEquation, ...] = ()
+    aliases: Mapping[str, Alias] = field(default_factory=dict[str, Alias])
+    description: str = ""
+
+    def with_role(self, *roles: Role) -> tuple[Variable, ...]:
+        """Return the variables that have one of the roles, in order of declaration."""
+        return tuple(v for v in self.variables.values() if v.role in roles)
+
+    @cached_property
+    def states(self) -> tuple[Variable, ...]:
+        """The states, in order of declaration."""
+        return self.with_role(Role.STATE)
+
+    @cached_property
+    def inputs(self) -> tuple[Variable, ...]:
+        """The inputs, in order of declaration."""
+        return self.with_role(Role.INPUT)
+
+    @cached_property
+    def outputs(self) -> tuple[Variable, ...]:
+        """Everything declared `output`, states included, in order of declaration."""
+        return tuple(v for v in self.variables.values() if v.output)
+
+    @cached_property
+    def parameters(self) -> tuple[Variable, ...]:
+        """Parameters and constants, in order of declaration."""
+        return self.with_role(Role.PARAMETER, Role.CONSTANT)
+
+    @cached_property
+    def dependent_parameters(self) -> frozenset[str]:
+        """Names of the parameters whose value is computed from other parameters."""
+        return frozenset(
+            v.name
+            for v in self.parameters
+            if v.binding is not None and any(isinstance(n, Symbol) for n in walk(v.binding))
+        )
+
+    @cached_property
+    def start_parameters(self) -> Mapping[str, str]:
+        """Parameter name → state whose start value it is (`start = q_start`)."""
+        found: dict[str, str] = {}
+        for state in self.states:
+            if isinstance(state.start, Symbol):
+                found[state.start.name] = state.name
+        return found
+
+    @cached_property
+    def parameter_values(self) -> Mapping[str, float]:
+        """Declared value of every parameter and constant, dependent ones computed."""
+        values: dict[str, float] = {}
+        pending = list(self.parameters)
+        while pending:
+            rest: list[Variable] = []
+            for v in pending:
+                expression = v.binding if v.binding is not None else (v.start or Literal(0.0))
+                try:
+                    values[v.name] = evaluate(expression, values)
+                except KeyError:
+                    rest.append(v)
+            if len(rest) == len(pending):
+                # A cycle cannot come out of a checked model; stop rather than loop.
+                raise AssertionError(f"parameters depend on each other: {[v.name for v in rest]}")
+            pending = rest
+        return values
+
+    def number(self, expression: Expression | None, default: float) -> float:
+        """Evaluate an attribute that may depend on parameters; `default` if there is none."""
+        if expression is None:
+            return default
+        return evaluate(expression, self.parameter_values)

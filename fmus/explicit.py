@@ -1,0 +1,215 @@
+"""The flat model solved for its derivatives and algebraic variables, as CasADi expressions.
+
+Blocks of the incidence matrix are solved in order; a linear block symbolically.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+
+from fmus.casadi_expressions import SX, CasadiFold
+from fmus.dae import Dae, Role, Variable
+from fmus.expressions import Delayed, Derivative, Expression, Previous, Relation, Symbol, Time
+from foundation.errors import UnsupportedModelError
+
+
+@dataclass(frozen=True)
+class ExplicitModel:
+    """dx = f(t, x, u, p, d, r), z = g(t, x, u, p, d, r) as CasADi SX.
+
+    Attributes:
+        dae: The model this was made from.
+        time: Scalar symbol [s].
+        x, u, p: Column symbols of states, inputs, independent parameters, in the order of
+            `state_names`, `input_names`, `parameter_names`.
+        delayed: Column symbol of the values of the delay operators.
+        relations: Column symbol of frozen relations (0 or 1); empty if evaluated in place.
+        previous: Column symbol of `pre(…)` values and the names they belong to.
+        derivatives: Column (nx,) of state derivatives.
+        algebraics: Name → expression, for every algebraic variable.
+        dependent: Name → expression of `p`, for every dependent parameter.
+        fold: Turns any further expression of the model into SX of the symbols above.
+    """
+
+    dae: Dae
+    time: SX
+    x: SX
+    u: SX
+    p: SX
+    delayed: SX
+    relations: SX
+    previous: SX
+    previous_names: tuple[str, ...]
+    derivatives: SX
+    algebraics: Mapping[str, SX]
+    dependent: Mapping[str, SX]
+    state_names: tuple[str, ...]
+    input_names: tuple[str, ...]
+    parameter_names: tuple[str, ...]
+    fold: _SolvedFold
+
+    def value(self, name: str) -> SX:
+        """Return the expression of any variable, aliases included."""
+        alias = self.dae.aliases.get(name)
+        if alias is not None:
+            return alias.sign * self.value(alias.of)
+        return self.fold(Symbol(name))
+
+
+class _SolvedFold:
+    """Folds expressions after the unknowns have been solved for."""
+
+    def __init__(self, fold: CasadiFold, unknowns: Sequence[SX], values: Sequence[SX]) -> None:
+        self._fold = fold
+        self._unknowns = ca.vertcat(*unknowns)
+        self._values = ca.vertcat(*values)
+
+    def __call__(self, expression: Expression) -> SX:
+        raw = self._fold(expression)
+        return ca.substitute(raw, self._unknowns, self._values)
+
+
+def explicit(dae: Dae, *, freeze_relations: bool = False) -> ExplicitModel:
+    """Solve a flat model for its derivatives and algebraic variables.
+
+    Args:
+        dae: The flat model, without aliases.
+        freeze_relations: Keep each event relation as a symbol (for code with event iteration)
+            instead of evaluating it in place.
+
+    Raises:
+        UnsupportedModelError: The equations are structurally singular (a higher index, or more
+            than one solution), or a block is nonlinear in its unknowns.
+    """
+    states = dae.states
+    inputs = dae.inputs
+    independent = [
+        v for v in dae.with_role(Role.PARAMETER) if v.name not in dae.dependent_parameters
+    ]
+    x, u, p = (_column(part) for part in (states, inputs, independent))
+    time = ca.SX.sym("time")
+    delayed = ca.SX.sym("delayed", len(dae.delays))
+    relations = ca.SX.sym("relation", len(dae.relations))
+    derivative_of = {v.name: ca.SX.sym(f"der({v.name})") for v in states}
+    algebraic = {v.name: ca.SX.sym(v.name) for v in dae.with_role(Role.ALGEBRAIC)}
+    previous: dict[str, SX] = {}
+    leaves: dict[str, SX] = {
+        **{v.name: x[i] for i, v in enumerate(states)},
+        **{v.name: u[i] for i, v in enumerate(inputs)},
+        **{v.name: p[i] for i, v in enumerate(independent)},
+        **algebraic,
+    }
+    for v in dae.with_role(Role.DISCRETE):
+        leaves[v.name] = previous.setdefault(v.name, ca.SX.sym(f"pre({v.name})"))
+
+    def leaf(node: Expression) -> SX:
+        match node:
+            case Time():
+                return time
+            case Symbol(name=name):
+                if name in leaves:
+                    return leaves[name]
+                binding = dae.variables[name].binding
+                if name in dae.dependent_parameters and binding is not None:
+                    leaves[name] = fold(binding)
+                else:
+                    leaves[name] = ca.SX(dae.parameter_values[name])
+                return leaves[name]
+            case Derivative(name=name):
+                return derivative_of[name]
+            case Previous(name=name):
+                return previous.setdefault(name, ca.SX.sym(f"pre({name})"))
+            case Delayed(index=index):
+                return delayed[index]
+            case _:
+                raise AssertionError(node)
+
+    def relation(node: Relation) -> SX:
+        return relations[node.index]
+
+    fold = CasadiFold(leaf, relation if freeze_relations else None)
+    residuals = [fold(r) for r in dae.residuals]
+    unknowns = [*derivative_of.values(), *algebraic.values()]
+    values = _solve_blocks(dae, residuals, unknowns)
+    n = len(states)
+    return ExplicitModel(
+        dae=dae,
+        time=time,
+        x=x,
+        u=u,
+        p=p,
+        delayed=delayed,
+        relations=relations,
+        previous=ca.vertcat(*previous.values()) if previous else ca.SX(0, 1),
+        previous_names=tuple(previous),
+        derivatives=ca.vertcat(*values[:n]) if n else ca.SX(0, 1),
+        algebraics=dict(zip(algebraic, values[n:], strict=True)),
+        dependent={name: fold(Symbol(name)) for name in sorted(dae.dependent_parameters)},
+        state_names=tuple(v.name for v in states),
+        input_names=tuple(v.name for v in inputs),
+        parameter_names=tuple(v.name for v in independent),
+        fold=_SolvedFold(fold, unknowns, values),
+    )
+
+
+def _column(variables: Sequence[Variable]) -> SX:
+    if not variables:
+        return ca.SX(0, 1)
+    return ca.vertcat(*(ca.SX.sym(v.name) for v in variables))
+
+
+def _solve_blocks(dae: Dae, residuals: Sequence[SX], unknowns: Sequence[SX]) -> list[SX]:
+    if len(residuals) != len(unknowns):
+        raise UnsupportedModelError(
+            f"{dae.name} has {len(residuals)} equations for {len(unknowns)} unknowns",
+            remedy="remove or add equations until the model is balanced",
+        )
+    if not unknowns:
+        return []
+    g, z = ca.vertcat(*residuals), ca.vertcat(*unknowns)
+    blocks, rows, columns, row_begin, column_begin, *_ = ca.jacobian(g, z).sparsity().btf()
+    # A structurally singular system decomposes into rectangular blocks.
+    if (
+        any(
+            row_begin[k + 1] - row_begin[k] != column_begin[k + 1] - column_begin[k]
+            for k in range(blocks)
+        )
+        or blocks != len(row_begin) - 1
+        or not _structurally_regular(ca.jacobian(g, z))
+    ):
+        raise UnsupportedModelError(
+            f"{dae.name}: the equations do not determine every derivative and algebraic variable "
+            "(a constraint between states, index > 1)",
+            remedy="model the constraint by a stiff spring, or choose independent coordinates",
+        )
+    solved: list[SX] = []
+    solutions: list[SX] = []
+    value: dict[int, SX] = {}
+    for k in range(blocks):
+        block_rows = rows[row_begin[k] : row_begin[k + 1]]
+        block_columns = columns[column_begin[k] : column_begin[k + 1]]
+        y = ca.vertcat(*(unknowns[j] for j in block_columns))
+        equations = ca.vertcat(*(residuals[i] for i in block_rows))
+        if solved:
+            equations = ca.substitute(equations, ca.vertcat(*solved), ca.vertcat(*solutions))
+        matrix = ca.jacobian(equations, y)
+        if ca.depends_on(matrix, y):
+            named = ", ".join(unknowns[j].name() for j in block_columns)
+            raise UnsupportedModelError(
+                f"{dae.name}: the equations for {named} are nonlinear in them",
+                remedy="solve them for these variables in the model",
+            )
+        constant = ca.substitute(equations, y, ca.SX.zeros(*y.shape))
+        solution = -constant / matrix if len(block_columns) == 1 else ca.solve(matrix, -constant)
+        for position, j in enumerate(block_columns):
+            value[j] = ca.densify(solution)[position]
+            solved.append(unknowns[j])
+            solutions.append(value[j])
+    return [value[j] for j in range(len(unknowns))]
+
+
+def _structurally_regular(matrix: SX) -> bool:
+    return int(ca.sprank(matrix)) == int(matrix.shape[0])

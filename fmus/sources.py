@@ -1,0 +1,111 @@
+"""Where a model's text comes from: a class of a library, or a class in a file."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+from foundation.errors import InputError, ModelicaError
+from modelica import LIBRARY
+
+_CLASS_NAME = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*\Z")
+_FIRST_CLASS = re.compile(
+    r"^\s*(?:within[^;]*;\s*)?(?:(?:encapsulated|partial|final)\s+)*(?:model|block|class|package)\s+(\w+)",
+    re.MULTILINE,
+)
+
+
+@dataclass(frozen=True)
+class ModelicaSource:
+    """Text that defines one class, and the libraries that it may use.
+
+    Attributes:
+        text: Modelica text that contains the class.
+        class_name: The class to translate, as named inside `text`.
+        file_name: Shown in messages.
+        origin: The MODEL as the user wrote it.
+        roots: Modelica paths (folders of library packages) beside the bundled library.
+        defines: False if `text` only wraps a class of a library.
+    """
+
+    text: str
+    class_name: str
+    file_name: str
+    origin: str
+    roots: tuple[Path, ...] = ()
+    defines: bool = True
+
+    @property
+    def short_name(self) -> str:
+        """Last part of the class's name."""
+        return self.class_name.rpartition(".")[2]
+
+    @property
+    def base_class(self) -> str:
+        """Name by which another class extends this one."""
+        return self.class_name if self.defines else self.origin
+
+
+def library_class(name: str, roots: tuple[Path, ...] = ()) -> ModelicaSource:
+    """Return the source of a class of the bundled or another library, by its full name.
+
+    A library's class cannot be the front end's top class, so it is extended by an empty one.
+
+    Example:
+        >>> library_class("Twinproof.Plants.Positioner").text
+        'model Positioner\\n  extends Twinproof.Plants.Positioner;\\nend Positioner;\\n'
+    """
+    short = name.rpartition(".")[2]
+    text = f"model {short}\n  extends {name};\nend {short};\n"
+    return ModelicaSource(text, short, f"{short}.mo", name, roots, defines=False)
+
+
+def find_source(model: str, roots: tuple[Path, ...] = ()) -> ModelicaSource:
+    """Return the source that a user's word for a Modelica model means.
+
+    Args:
+        model: `Twinproof.Plants.Positioner`, `file.mo:Class.Name`, or `file.mo` (its first class).
+        roots: Further Modelica paths.
+
+    Raises:
+        ModelicaError: The file is not there, is not text, or holds no class.
+        InputError: The word is neither a file nor a class name.
+    """
+    path_text, colon, class_name = model.partition(".mo:")
+    if colon or model.endswith(".mo"):
+        path = Path(path_text + ".mo") if colon else Path(model)
+        if not path.is_file():
+            raise ModelicaError(
+                "no such Modelica file", where=str(path), remedy="check the path before the colon"
+            )
+        try:
+            text = path.read_text(encoding="utf-8")
+        except UnicodeDecodeError as error:
+            raise ModelicaError(
+                "the file is not UTF-8 text",
+                where=f"{path}: byte {error.start}",
+                remedy="save it as UTF-8",
+            ) from error
+        if not class_name:
+            found = _FIRST_CLASS.search(text)
+            if found is None:
+                raise ModelicaError(
+                    "the file defines no class",
+                    where=str(path),
+                    remedy="name a file that contains `model Name … end Name;`",
+                )
+            class_name = found[1]
+        return ModelicaSource(text, class_name, str(path), model, roots)
+    if _CLASS_NAME.match(model):
+        return library_class(model, roots)
+    raise InputError(
+        f"'{model}' is neither a file nor a Modelica class",
+        where="MODEL",
+        remedy="write file.fmu, file.mo:Class.Name or a class such as Twinproof.Plants.Positioner",
+    )
+
+
+def library_roots(source: ModelicaSource) -> list[str]:
+    """Return the Modelica paths of a source, the bundled library first."""
+    return [str(LIBRARY), *(str(root) for root in source.roots)]
