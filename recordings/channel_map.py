@@ -1,0 +1,193 @@
+"""Channel maps: which column or CAN signal is which variable of the model, as TOML.
+
+[channels.theta_p]        # a variable of the model
+source = "Pitch"          # column or signal; the variable's own name where left out
+unit = "deg"              # of the source; the file's own, else the model's, where left out
+sd = 8.7e-3               # noise, resolution, delay: SI units of the model's variable
+resolution = 1.7e-4
+delay = 0.002
+
+[time]                    # only where time is not a column `time` in seconds
+source = "t"
+unit = "ms"
+step = 0.001              # instead of `source`: equal steps in s, starting at 0
+"""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, cast
+
+from foundation.errors import ChannelError, FormatError, RecordingError
+from recordings.names import suggestion
+from recordings.recording import Sensor
+
+
+@dataclass(frozen=True)
+class ChannelSource:
+    """Where a variable's values are found, and what is known of their sensor.
+
+    Attributes:
+        source: Column or signal.
+        unit: Unit of the source's numbers; None: what the file says, else the model's unit.
+        sensor: In the SI unit of the model's variable.
+    """
+
+    source: str
+    unit: str | None = None
+    sensor: Sensor = field(default_factory=Sensor)
+
+
+@dataclass(frozen=True)
+class TimeSource:
+    """Where time is found: a column, or equal steps where nobody wrote it down.
+
+    Attributes:
+        source: Column.
+        unit: Unit of the column.
+        step: Where there is no such column: step in s.
+    """
+
+    source: str = "time"
+    unit: str = "s"
+    step: float | None = None
+
+
+@dataclass(frozen=True)
+class ChannelMap:
+    """A channel map; one that says nothing by default.
+
+    Attributes:
+        channels: By name of the model's variable.
+        time: Where time is found.
+        origin: The file, for messages.
+    """
+
+    channels: Mapping[str, ChannelSource] = field(default_factory=dict[str, ChannelSource])
+    time: TimeSource = field(default_factory=TimeSource)
+    origin: str = "no channel map"
+
+    def updated(self, other: ChannelMap) -> ChannelMap:
+        """Return this map with the entries of `other` added; those of `other` win."""
+        time = self.time if other.time == TimeSource() else other.time
+        return replace(other, channels={**self.channels, **other.channels}, time=time)
+
+
+def read_map(path: Path) -> ChannelMap:
+    """Read a channel map.
+
+    Raises:
+        RecordingError: There is no such file.
+        FormatError: It is not TOML; says at which line.
+        ChannelError: A key is unknown or its value is of the wrong kind; says in which table.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise FormatError(
+            f"the channel map is not text: {error.reason} at byte {error.start}",
+            where=str(path),
+            remedy="save it as UTF-8",
+        ) from error
+    except OSError as error:
+        raise RecordingError(
+            f"the channel map cannot be read: {error.strerror}",
+            where=str(path),
+            remedy="correct --map",
+        ) from error
+    return parse_map(text, origin=str(path))
+
+
+def parse_map(text: str, *, origin: str = "channel map") -> ChannelMap:
+    """Parse the text of a channel map; errors as in `read_map`.
+
+    Example:
+        >>> parse_map('[channels.q]\\nsource = "qm"\\nunit = "mm"').channels["q"].source
+        'qm'
+    """
+    try:
+        document = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise FormatError(
+            f"the channel map is not TOML: {error}",
+            where=origin,
+            remedy='write tables such as [channels.q] with source = "qm"',
+        ) from error
+    _check_keys(document, ("channels", "time"), "table", origin)
+    tables = _table(document.get("channels", {}), "channels", origin)
+    channels = {
+        name: _channel(name, _table(entry, f"channels.{name}", origin), origin)
+        for name, entry in tables.items()
+    }
+    time = _time(_table(document.get("time", {}), "time", origin), origin)
+    return ChannelMap(channels, time, origin)
+
+
+def _channel(name: str, entry: Mapping[str, Any], origin: str) -> ChannelSource:
+    where = f"{origin}, [channels.{name}]"
+    _check_keys(entry, ("source", "unit", "sd", "resolution", "delay"), "key", where)
+    return ChannelSource(
+        source=_text(entry, "source", where) or name,
+        unit=_text(entry, "unit", where),
+        sensor=Sensor(
+            sd=_number(entry, "sd", where),
+            resolution=_number(entry, "resolution", where),
+            delay=_number(entry, "delay", where) or 0.0,
+        ),
+    )
+
+
+def _time(entry: Mapping[str, Any], origin: str) -> TimeSource:
+    where = f"{origin}, [time]"
+    _check_keys(entry, ("source", "unit", "step"), "key", where)
+    step = _number(entry, "step", where)
+    if step is not None and ("source" in entry or "unit" in entry or step == 0):
+        raise ChannelError(
+            "'step' is for data without a time column",
+            where=where,
+            remedy="give either a step in s above 0, or the column's source and unit",
+        )
+    return TimeSource(
+        _text(entry, "source", where) or "time", _text(entry, "unit", where) or "s", step
+    )
+
+
+def _check_keys(table: Mapping[str, Any], known: Iterable[str], kind: str, where: str) -> None:
+    for key in table:
+        if key not in known:
+            raise ChannelError(
+                f"unknown {kind} '{key}'", where=where, remedy=suggestion(kind, key, known)
+            )
+
+
+def _table(value: object, name: str, origin: str) -> Mapping[str, Any]:
+    if not isinstance(value, dict):
+        raise ChannelError(
+            f"'{name}' is not a table", where=origin, remedy="write [channels.<model variable>]"
+        )
+    return cast("dict[str, Any]", value)
+
+
+def _text(entry: Mapping[str, Any], key: str, where: str) -> str | None:
+    value = entry.get(key)
+    if value is not None and not isinstance(value, str):
+        raise ChannelError(f"'{key}' is not a text", where=where, remedy="put it in quotes")
+    return value
+
+
+def _number(entry: Mapping[str, Any], key: str, where: str) -> float | None:
+    value = entry.get(key)
+    if value is None:
+        return None
+    is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
+    if not is_number or not math.isfinite(value) or value < 0:
+        raise ChannelError(
+            f"'{key}' is {value!r}",
+            where=where,
+            remedy="give a finite number, not negative, in the SI unit of the model's variable",
+        )
+    return float(value)
