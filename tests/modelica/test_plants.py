@@ -11,6 +11,8 @@ import sympy as sp
 from front_end import load, load_class, simulate
 from scipy.integrate import cumulative_simpson, solve_ivp
 
+from foundation.units import factor_and_offset
+
 X = {
     "X1": 0.0436,
     "X2": 0.0178,
@@ -190,3 +192,25 @@ def test_inputs_and_outputs_keep_their_units(
         for kind in ("input", "output")
     }
     assert found == {"input": inputs, "output": outputs}
+
+
+# What each parameter is multiplied by in the equation of motion, and the unit of that equation.
+TERMS = {
+    "WheeledPendulum": (
+        "V",
+        {"X1": "rad/s2", "X2": "rad/s2", "X3": "rad/s2", "X4": "rad/s2", "X5": "1"}
+        | {"X6": "rad/s", "X7": "rad/s"},
+    ),
+    "Positioner": ("N", {"M": "m/s2", "Fv": "m/s", "gtau": "V"}),
+    "Pendulum": ("N.m", {"J": "rad/s2", "mgl": "1", "d": "rad/s"}),
+}
+
+
+@pytest.mark.parametrize("plant", TERMS)
+def test_every_term_has_the_unit_of_its_equation(plant: str) -> None:
+    parameters = load_class(f"Twinproof.Plants.{plant}").parameters
+    effort, terms = TERMS[plant]
+    for name, factor in terms.items():
+        unit = parameters[name].unit
+        product = unit if factor == "1" else f"{unit}.{factor}"
+        assert factor_and_offset(product, effort) == pytest.approx((1.0, 0.0)), name
