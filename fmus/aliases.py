@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from fmus.dae import Alias, Dae, Reinit, Role, Variable, WhenEquation
+from fmus.dae import Alias, ConstantValue, Dae, Reinit, Role, Variable, WhenEquation
 from fmus.expressions import (
     Delayed,
     Derivative,
@@ -40,25 +40,31 @@ def without_aliases(dae: Dae) -> Dae:
     Derivatives follow: where a state is removed, the variable that stays becomes the state.
     """
     aliases: dict[str, Alias] = {}
+    constant_values: dict[str, ConstantValue] = {}
     while True:
         step = _find(dae)
         if step is None:
-            return replace(dae, aliases=aliases)
+            return replace(dae, aliases=aliases, constant_values=constant_values)
         index, link, value = step
         dae = _drop_equation(dae, index)
         if link is None:
             assert value is not None
             name, number = value
+            constant_values[name] = ConstantValue(dae.variables[name], number)
+            for alias in [a for a in aliases.values() if a.of == name]:
+                constant_values[alias.name] = ConstantValue(alias.declared, alias.sign * number)
+                del aliases[alias.name]
             dae = _replace_all(dae, {name: (Literal(number), Literal(0.0))}, name)
             continue
+        declared = dae.variables[link.removed]
         dae = _merge(dae, link)
         aliases = {
-            name: Alias(name, link.kept, alias.sign * link.sign)
+            name: replace(alias, of=link.kept, sign=alias.sign * link.sign)
             if alias.of == link.removed
             else alias
             for name, alias in aliases.items()
         }
-        aliases[link.removed] = Alias(link.removed, link.kept, link.sign)
+        aliases[link.removed] = Alias(link.removed, link.kept, link.sign, declared)
 
 
 def _find(dae: Dae) -> tuple[int, _Link | None, tuple[str, float] | None] | None:
@@ -74,7 +80,7 @@ def _find(dae: Dae) -> tuple[int, _Link | None, tuple[str, float] | None] | None
             name, k = symbols[0]
             variable = dae.variables[name]
             if variable.role is Role.ALGEBRAIC and not variable.output:
-                return index, None, (name, -constant / k)
+                return index, None, (name, -constant / k + 0.0)  # no minus zero
             continue
         (a, ka), (b, kb) = symbols
         if constant != 0.0 or abs(ka) != abs(kb):
@@ -117,12 +123,15 @@ def _drop_equation(dae: Dae, index: int) -> Dae:
 def _merge(dae: Dae, link: _Link) -> Dae:
     removed, kept = dae.variables[link.removed], dae.variables[link.kept]
     variables = dict(dae.variables)
-    if removed.role is Role.STATE and kept.role is Role.ALGEBRAIC:
-        start, fixed = kept.start, kept.fixed
-        if not fixed and removed.fixed and removed.start is not None:
-            start = removed.start if link.sign > 0 else Operation("negate", (removed.start,))
-            fixed = True
-        variables[link.kept] = replace(kept, role=Role.STATE, start=start, fixed=fixed)
+    start, fixed = kept.start, kept.fixed
+    # The start that is binding wins; of two equals, that of the variable that stays.
+    if (removed.fixed and not fixed) or (start is None and fixed == removed.fixed):
+        start, fixed = removed.start, removed.fixed
+        if start is not None and link.sign < 0:
+            start = Operation("negate", (start,))
+    role = Role.STATE if Role.STATE in (removed.role, kept.role) else kept.role
+    if kept.role in (Role.STATE, Role.ALGEBRAIC):
+        variables[link.kept] = replace(kept, role=role, start=start, fixed=fixed)
     dae = replace(dae, variables=variables)
     value, derivative = Symbol(link.kept), Derivative(link.kept)
     if link.sign < 0:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, TypeAlias
@@ -25,45 +26,55 @@ SX: TypeAlias = Any
 """casadi.SX; the package ships no type information."""
 
 
-def _if(condition: SX, yes: SX, no: SX) -> SX:
-    return ca.if_else(condition, yes, no)
+def _smooth(_order: SX, value: SX) -> SX:
+    return value
 
 
-def _not_equal(a: SX, b: SX) -> SX:
-    return a != b
+def _no_event(value: SX) -> SX:
+    return value
 
+
+def _homotopy(actual: SX, _simplified: SX) -> SX:
+    return actual
+
+
+def _modulo(a: SX, b: SX) -> SX:
+    return a - ca.floor(a / b) * b
+
+
+_FUNCTIONS = (
+    *("sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sinh", "cosh", "tanh"),
+    *("exp", "log", "log10", "sqrt", "sign", "floor", "ceil"),
+)
 
 OPERATORS: Mapping[str, Callable[..., SX]] = {
-    "negate": lambda a: -a,
+    "negate": operator.neg,
     "not": ca.logic_not,
-    "add": lambda a, b: a + b,
-    "subtract": lambda a, b: a - b,
-    "multiply": lambda a, b: a * b,
-    "element_multiply": lambda a, b: a * b,
-    "divide": lambda a, b: a / b,
-    "power": lambda a, b: a**b,
+    "add": operator.add,
+    "subtract": operator.sub,
+    "multiply": operator.mul,
+    "element_multiply": operator.mul,
+    "divide": operator.truediv,
+    "element_divide": operator.truediv,
+    "power": operator.pow,
+    "element_power": operator.pow,
     "and": ca.logic_and,
     "or": ca.logic_or,
-    "less": lambda a, b: a < b,
-    "less_equal": lambda a, b: a <= b,
-    "greater": lambda a, b: a > b,
-    "greater_equal": lambda a, b: a >= b,
-    "equal": lambda a, b: a == b,
-    "not_equal": _not_equal,
-    "if": _if,
+    "less": operator.lt,
+    "less_equal": operator.le,
+    "greater": operator.gt,
+    "greater_equal": operator.ge,
+    "equal": operator.eq,
+    "not_equal": operator.ne,
+    "if": ca.if_else,
     "abs": ca.fabs,
     "min": ca.fmin,
     "max": ca.fmax,
-    "smooth": lambda _, a: a,
-    "no_event": lambda a: a,
-    "mod": lambda a, b: a - ca.floor(a / b) * b,
-    "homotopy": lambda actual, _: actual,
-} | {
-    name: getattr(ca, name)
-    for name in (
-        "sin cos tan asin acos atan atan2 sinh cosh tanh exp log log10 sqrt sign floor ceil".split()
-    )
-}
+    "smooth": _smooth,
+    "no_event": _no_event,
+    "mod": _modulo,
+    "homotopy": _homotopy,
+} | {name: getattr(ca, name) for name in _FUNCTIONS}
 
 
 @dataclass
@@ -108,13 +119,13 @@ class CasadiFold:
         match expression:
             case Literal(value=value):
                 return ca.SX(float(value))
-            case Operation(operator=operator, operands=operands):
-                if operator not in OPERATORS:
+            case Operation(operator=name, operands=operands):
+                if name not in OPERATORS:
                     raise UnsupportedModelError(
-                        f"the operator '{operator}' has no translation yet",
+                        f"the operator '{name}' has no translation yet",
                         remedy="rewrite the equation without it",
                     )
-                return OPERATORS[operator](*(self(operand) for operand in operands))
+                return OPERATORS[name](*(self(operand) for operand in operands))
             case Relation(comparison=comparison):
                 return self(comparison) if self.relation is None else self.relation(expression)
             case Symbol() | Derivative() | Previous() | Delayed() | Time():

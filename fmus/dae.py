@@ -94,14 +94,47 @@ class WhenEquation:
 
 @dataclass(frozen=True)
 class Alias:
-    """`name` equals `sign` times the variable `of` (which has no alias itself)."""
+    """`name` equals `sign` times the variable `of` (which has no alias itself).
+
+    `declared` is the variable as it was before it was removed.
+    """
 
     name: str
     of: str
     sign: float
+    declared: Variable
 
 
 @dataclass(frozen=True)
+class ConstantValue:
+    """A variable that an equation of the model sets to a number, such as an unconnected flow."""
+
+    declared: Variable
+    value: float
+
+
+@dataclass(frozen=True)
+class Connector:
+    """A connector of one potential and one flow variable, as before alias elimination.
+
+    Attributes:
+        path: Full name, e.g. `wheel.flange`.
+        potential, flow: Names of its two variables.
+        potential_unit, flow_unit: Their units.
+        connected: A `connect` equation of the model names it.
+        top_level: Declared in the model itself, not in a component of it.
+    """
+
+    path: str
+    potential: str
+    flow: str
+    potential_unit: str
+    flow_unit: str
+    connected: bool
+    top_level: bool
+
+
+@dataclass(frozen=True, eq=False)
 class Dae:
     """A flat model: 0 = residual(time, x, der(x), z, u, p) with events.
 
@@ -116,6 +149,8 @@ class Dae:
         reinits: State changes at events.
         when_equations: Discrete equations.
         aliases: Variables removed because another one equals them.
+        constant_values: Variables removed because they equal a number.
+        connectors: All mechanical connectors, by which effects attach.
         description: Description string of the class.
     """
 
@@ -129,6 +164,8 @@ class Dae:
     reinits: tuple[Reinit, ...] = ()
     when_equations: tuple[WhenEquation, ...] = ()
     aliases: Mapping[str, Alias] = field(default_factory=dict[str, Alias])
+    constant_values: Mapping[str, ConstantValue] = field(default_factory=dict[str, ConstantValue])
+    connectors: tuple[Connector, ...] = ()
     description: str = ""
 
     def with_role(self, *roles: Role) -> tuple[Variable, ...]:
@@ -169,8 +206,11 @@ class Dae:
         """Parameter name → state whose start value it is (`start = q_start`)."""
         found: dict[str, str] = {}
         for state in self.states:
-            if isinstance(state.start, Symbol):
-                found[state.start.name] = state.name
+            start = state.start
+            # A wrapper hands its own parameter down: follow `plant.q_start = q_start` to its source.
+            while isinstance(start, Symbol):
+                found[start.name] = state.name
+                start = self.variables[start.name].binding
         return found
 
     @cached_property

@@ -9,13 +9,13 @@ import re
 
 
 def declaration_annotation(text: str) -> str:
-    """Return what stands in `annotation(__twinproof(…))` of the declaration that `text` begins with.
+    """Return what stands in `annotation(__twinproof(…))` of the declaration at the start of `text`.
 
     Args:
         text: Source from the declared name on.
 
     Example:
-        >>> declaration_annotation('k=2 "gain; not (k" annotation(__twinproof(known=true)); Real x;')
+        >>> declaration_annotation('k=2 "gain; (" annotation(__twinproof(known=true)); Real x;')
         'known=true'
     """
     declaration = _until_semicolon(text)

@@ -10,13 +10,13 @@ from dataclasses import dataclass
 
 import casadi as ca
 
+from fmus.blocks import solve_blocks
 from fmus.casadi_expressions import SX, CasadiFold
 from fmus.dae import Dae, Role, Variable
 from fmus.expressions import Delayed, Derivative, Expression, Previous, Relation, Symbol, Time
-from foundation.errors import UnsupportedModelError
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ExplicitModel:
     """dx = f(t, x, u, p, d, r), z = g(t, x, u, p, d, r) as CasADi SX.
 
@@ -27,7 +27,8 @@ class ExplicitModel:
             `state_names`, `input_names`, `parameter_names`.
         delayed: Column symbol of the values of the delay operators.
         relations: Column symbol of frozen relations (0 or 1); empty if evaluated in place.
-        previous: Column symbol of `pre(…)` values and the names they belong to.
+        discrete: Column symbol of the discrete variables, in the order of `discrete_names`.
+        previous: Column symbol of `pre(…)` values, in the order of `previous_names`.
         derivatives: Column (nx,) of state derivatives.
         algebraics: Name → expression, for every algebraic variable.
         dependent: Name → expression of `p`, for every dependent parameter.
@@ -41,6 +42,7 @@ class ExplicitModel:
     p: SX
     delayed: SX
     relations: SX
+    discrete: SX
     previous: SX
     previous_names: tuple[str, ...]
     derivatives: SX
@@ -49,6 +51,7 @@ class ExplicitModel:
     state_names: tuple[str, ...]
     input_names: tuple[str, ...]
     parameter_names: tuple[str, ...]
+    discrete_names: tuple[str, ...]
     fold: _SolvedFold
 
     def value(self, name: str) -> SX:
@@ -56,6 +59,9 @@ class ExplicitModel:
         alias = self.dae.aliases.get(name)
         if alias is not None:
             return alias.sign * self.value(alias.of)
+        constant = self.dae.constant_values.get(name)
+        if constant is not None:
+            return ca.SX(constant.value)
         return self.fold(Symbol(name))
 
 
@@ -89,7 +95,8 @@ def explicit(dae: Dae, *, freeze_relations: bool = False) -> ExplicitModel:
     independent = [
         v for v in dae.with_role(Role.PARAMETER) if v.name not in dae.dependent_parameters
     ]
-    x, u, p = (_column(part) for part in (states, inputs, independent))
+    discrete = dae.with_role(Role.DISCRETE)
+    x, u, p, d = (_column(part) for part in (states, inputs, independent, discrete))
     time = ca.SX.sym("time")
     delayed = ca.SX.sym("delayed", len(dae.delays))
     relations = ca.SX.sym("relation", len(dae.relations))
@@ -100,10 +107,9 @@ def explicit(dae: Dae, *, freeze_relations: bool = False) -> ExplicitModel:
         **{v.name: x[i] for i, v in enumerate(states)},
         **{v.name: u[i] for i, v in enumerate(inputs)},
         **{v.name: p[i] for i, v in enumerate(independent)},
+        **{v.name: d[i] for i, v in enumerate(discrete)},
         **algebraic,
     }
-    for v in dae.with_role(Role.DISCRETE):
-        leaves[v.name] = previous.setdefault(v.name, ca.SX.sym(f"pre({v.name})"))
 
     def leaf(node: Expression) -> SX:
         match node:
@@ -133,7 +139,7 @@ def explicit(dae: Dae, *, freeze_relations: bool = False) -> ExplicitModel:
     fold = CasadiFold(leaf, relation if freeze_relations else None)
     residuals = [fold(r) for r in dae.residuals]
     unknowns = [*derivative_of.values(), *algebraic.values()]
-    values = _solve_blocks(dae, residuals, unknowns)
+    values = solve_blocks(residuals, unknowns, where=dae.name)
     n = len(states)
     return ExplicitModel(
         dae=dae,
@@ -143,6 +149,7 @@ def explicit(dae: Dae, *, freeze_relations: bool = False) -> ExplicitModel:
         p=p,
         delayed=delayed,
         relations=relations,
+        discrete=d,
         previous=ca.vertcat(*previous.values()) if previous else ca.SX(0, 1),
         previous_names=tuple(previous),
         derivatives=ca.vertcat(*values[:n]) if n else ca.SX(0, 1),
@@ -151,6 +158,7 @@ def explicit(dae: Dae, *, freeze_relations: bool = False) -> ExplicitModel:
         state_names=tuple(v.name for v in states),
         input_names=tuple(v.name for v in inputs),
         parameter_names=tuple(v.name for v in independent),
+        discrete_names=tuple(v.name for v in discrete),
         fold=_SolvedFold(fold, unknowns, values),
     )
 
@@ -159,57 +167,3 @@ def _column(variables: Sequence[Variable]) -> SX:
     if not variables:
         return ca.SX(0, 1)
     return ca.vertcat(*(ca.SX.sym(v.name) for v in variables))
-
-
-def _solve_blocks(dae: Dae, residuals: Sequence[SX], unknowns: Sequence[SX]) -> list[SX]:
-    if len(residuals) != len(unknowns):
-        raise UnsupportedModelError(
-            f"{dae.name} has {len(residuals)} equations for {len(unknowns)} unknowns",
-            remedy="remove or add equations until the model is balanced",
-        )
-    if not unknowns:
-        return []
-    g, z = ca.vertcat(*residuals), ca.vertcat(*unknowns)
-    blocks, rows, columns, row_begin, column_begin, *_ = ca.jacobian(g, z).sparsity().btf()
-    # A structurally singular system decomposes into rectangular blocks.
-    if (
-        any(
-            row_begin[k + 1] - row_begin[k] != column_begin[k + 1] - column_begin[k]
-            for k in range(blocks)
-        )
-        or blocks != len(row_begin) - 1
-        or not _structurally_regular(ca.jacobian(g, z))
-    ):
-        raise UnsupportedModelError(
-            f"{dae.name}: the equations do not determine every derivative and algebraic variable "
-            "(a constraint between states, index > 1)",
-            remedy="model the constraint by a stiff spring, or choose independent coordinates",
-        )
-    solved: list[SX] = []
-    solutions: list[SX] = []
-    value: dict[int, SX] = {}
-    for k in range(blocks):
-        block_rows = rows[row_begin[k] : row_begin[k + 1]]
-        block_columns = columns[column_begin[k] : column_begin[k + 1]]
-        y = ca.vertcat(*(unknowns[j] for j in block_columns))
-        equations = ca.vertcat(*(residuals[i] for i in block_rows))
-        if solved:
-            equations = ca.substitute(equations, ca.vertcat(*solved), ca.vertcat(*solutions))
-        matrix = ca.jacobian(equations, y)
-        if ca.depends_on(matrix, y):
-            named = ", ".join(unknowns[j].name() for j in block_columns)
-            raise UnsupportedModelError(
-                f"{dae.name}: the equations for {named} are nonlinear in them",
-                remedy="solve them for these variables in the model",
-            )
-        constant = ca.substitute(equations, y, ca.SX.zeros(*y.shape))
-        solution = -constant / matrix if len(block_columns) == 1 else ca.solve(matrix, -constant)
-        for position, j in enumerate(block_columns):
-            value[j] = ca.densify(solution)[position]
-            solved.append(unknowns[j])
-            solutions.append(value[j])
-    return [value[j] for j in range(len(unknowns))]
-
-
-def _structurally_regular(matrix: SX) -> bool:
-    return int(ca.sprank(matrix)) == int(matrix.shape[0])

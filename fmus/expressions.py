@@ -158,7 +158,9 @@ def _with_children(node: Expression, new: tuple[Expression, ...]) -> Expression:
             return node
 
 
-def linear_form(expression: Expression) -> tuple[dict[Expression, float], float] | None:
+def linear_form(  # noqa: PLR0911 - one return a case
+    expression: Expression,
+) -> tuple[dict[Expression, float], float] | None:
     """Read an expression as Σ number·(symbol or derivative) + number, or return None.
 
     Example:
