@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -40,7 +40,7 @@ LAWS = {
         lambda p, q, w: p["tau_s"] * np.exp(-((w / p["w_s"]) ** 2)) * _tanh(p, w),
     ),
     "AsymmetricViscousFriction": Law(
-        {"d_a": 0.3}, lambda p, q, w: p["d_a"] * np.where(w > 0, w, -w), dissipates=False
+        {"d_a": 0.3}, lambda p, q, w: p["d_a"] * np.maximum(w, -w), dissipates=False
     ),
     "AsymmetricCoulombFriction": Law(
         {"tau_a": 0.3, "w_0": 0.03},
@@ -96,9 +96,9 @@ def run(
     kind: str,
     name: str,
     stop: float,
+    params: Mapping[str, float] | None = None,
     points: int = 201,
     config: rumoca.SimConfig = TIGHT,
-    **params: float,
 ) -> tuple[dict[str, Array], Array]:
     """Trajectories, and what the machine spends on the effect."""
     found = simulate(body_with(kind, name), stop, points, params, config)
@@ -131,7 +131,7 @@ def test_absent_at_its_defaults(kind: str, name: str) -> None:
 @every_law
 def test_body_moves_as_scipy_says(kind: str, name: str) -> None:
     law = LAWS[name]
-    found, _ = run(kind, name, 4.0, **effect_parameters(kind, law))
+    found, _ = run(kind, name, 4.0, effect_parameters(kind, law))
 
     def motion(t: float, x: Array) -> list[Any]:
         effort = law.effort(law.parameters, x[0], x[1])
@@ -155,7 +155,8 @@ def test_law_holds_and_passive_effects_dissipate(
     main = next(iter(law.parameters))
     parameters = law.parameters | {main: scale * law.parameters[main]}
     names = {f"e.{key}": value for key, value in of_kind(kind, parameters).items()}
-    found, effort = run(kind, name, 0.02, 3, EXPLICIT, q_start=q, w_start=w, **names)
+    names |= {"q_start": q, "w_start": w}
+    found, effort = run(kind, name, 0.02, names, 3, EXPLICIT)
     expected = law.effort(parameters, found["q"], found["w"])
     np.testing.assert_allclose(effort, expected, rtol=1e-9, atol=1e-12)
     assert found["q"][0] == q
@@ -169,14 +170,14 @@ def test_asymmetric_friction_opposes_positive_motion_and_helps_negative(
     kind: str, word: str
 ) -> None:
     name = f"Asymmetric{word}Friction"
-    found, effort = run(kind, name, 4.0, **effect_parameters(kind, LAWS[name]))
+    found, effort = run(kind, name, 4.0, effect_parameters(kind, LAWS[name]))
     moving = np.abs(found["w"]) > 0.1
     assert np.all(effort[moving] > 0)
 
 
 @every_kind
 def test_constant_pushes_along_the_coordinate(kind: str) -> None:
-    pushed, _ = run(kind, "Constant", 1.0, **effect_parameters(kind, LAWS["Constant"]))
+    pushed, _ = run(kind, "Constant", 1.0, effect_parameters(kind, LAWS["Constant"]))
     free, _ = run(kind, "Constant", 1.0)
     # 0.2 on 0.5 for one second: q gains a t² / 2.
     assert pushed["q"][-1] - free["q"][-1] == pytest.approx(0.2, abs=1e-8)
@@ -190,7 +191,7 @@ def test_effects_on_one_flange_add_up() -> None:
         "equation connect(a.flange, point.flange); connect(b.flange, point.flange); end Q;"
     )
     both = simulate(model, 2.0)
-    one, _ = run("Rotational", "ViscousFriction", 2.0, **{"e.d": 0.4})
+    one, _ = run("Rotational", "ViscousFriction", 2.0, {"e.d": 0.4})
     np.testing.assert_allclose(both["q"], one["q"], atol=1e-8)
 
 

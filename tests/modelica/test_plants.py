@@ -46,7 +46,7 @@ def euler_lagrange() -> tuple[Callable[..., Any], Callable[..., Any], Callable[.
         rates = expression.subs({dw: values[2], dp: values[3]})
         return rates.subs({w: values[0], p: values[1]})
 
-    inertia = sp.Matrix(2, 2, lambda i, j: plain(forces[i].coeff(accelerations[j])))
+    inertia = sp.Matrix([[plain(f.coeff(a)) for a in accelerations] for f in forces])
     rest = [plain(f.subs(dict.fromkeys(accelerations, 0))) for f in forces]
     arguments = (values, (X1, X2, X3, X4, X5))
     return (
