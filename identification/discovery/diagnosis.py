@@ -1,0 +1,177 @@
+"""Which physical effect is missing: scan, refit, and the verdict."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+
+from identification.discovery.crossvalidation import Verdict, crossvalidate
+from identification.discovery.evidence import Refit, refit_all
+from identification.discovery.extension import ExtendedModel
+from identification.discovery.scan import Scored, scan
+from identification.experiment import Experiment
+from identification.gauss_newton import Fit
+from identification.prediction import WINDOW
+
+SHORTLIST = 8
+_TRIALS = 3
+# Candidates this close in evidence to the best are not told apart by this record [nats].
+_TIE = 3.0
+_AT_FLOOR = 1.1
+
+Progress = Callable[[str], None]
+
+
+class Outcome(Enum):
+    """What a diagnosis says."""
+
+    COMPLETE = "complete"
+    EFFECT = "effect"
+    UNDETERMINED = "undetermined"
+    UNKNOWN_SHAPE = "unknown-shape"
+    SENSOR = "sensor"
+
+
+@dataclass(frozen=True)
+class Ranked:
+    """One row of the ranking.
+
+    Attributes:
+        label: `EFFECT@PLACE`.
+        effect, place: Their names.
+        evidence: ΔlogL [nats]; predicted by the score test if not refitted.
+        explains: Share of the squared residual removed.
+        parameters: Its fitted parameters with their standard deviations.
+        refitted: False if only the score test has looked at it.
+    """
+
+    label: str
+    effect: str
+    place: str
+    evidence: float
+    explains: float
+    parameters: Mapping[str, tuple[float, float, str]]
+    refitted: bool
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """The answer to "what is missing?".
+
+    Attributes:
+        outcome: The verdict.
+        ranking: Candidates, best first.
+        ties: Groups of labels that this record does not tell apart.
+        chosen: The candidate that passed cross-validation, if any.
+        checks: Label → its cross-validation.
+        skipped: Label → why a candidate could not be tested.
+        next_experiment: What to record to get further; empty if nothing is open.
+    """
+
+    outcome: Outcome
+    ranking: tuple[Ranked, ...]
+    ties: tuple[tuple[str, ...], ...]
+    chosen: Refit | None
+    checks: Mapping[str, Verdict]
+    skipped: Mapping[str, str]
+    next_experiment: str
+
+
+def diagnose(
+    model: ExtendedModel, experiment: Experiment, fit: Fit, *, progress: Progress = lambda _: None
+) -> Diagnosis:
+    """Find the effect that best explains what a fitted model leaves over.
+
+    Args:
+        model: The present model.
+        experiment: That model on the record.
+        fit: Its fit over `WINDOW`-second windows.
+        progress: Told what is being done.
+    """
+    progress("scoring every effect at every place")
+    scanned = scan(model, experiment, fit)
+    shortlist = [s for s in scanned.scored[:SHORTLIST] if s.gain > 0]
+    progress(f"refitting the best {len(shortlist)} of {len(scanned.scored)}")
+    refits, failed = refit_all(model, experiment, fit, shortlist)
+    floor = experiment.predict(fit.values, WINDOW, sd=fit.sd).floor
+    checks: dict[str, Verdict] = {}
+    chosen: Refit | None = None
+    for candidate in refits[:_TRIALS]:
+        progress(f"cross-validating {candidate.addition.label}")
+        verdict = crossvalidate(
+            experiment, fit, candidate.experiment, candidate.fit, floor, tried=len(refits)
+        )
+        checks[candidate.addition.label] = verdict
+        if verdict.accepted:
+            chosen = candidate
+            break
+    refitted = {r.addition.label for r in refits}
+    ranking = (
+        *(_row(r) for r in refits),
+        *(_unrefitted(s, fit) for s in scanned.scored if s.addition.label not in refitted),
+    )
+    ties = _ties(refits, chosen)
+    return Diagnosis(
+        _outcome(chosen, ties, fit, floor, experiment), ranking, ties, chosen, checks,
+        {**scanned.skipped, **failed}, _next_experiment(ties),
+    )
+
+
+def _row(refit: Refit) -> Ranked:
+    parameters: dict[str, tuple[float, float, str]] = {}
+    units = {v.name: v.unit for v in refit.addition.effect.parameters}
+    for name, value in refit.addition.values.items():
+        flat = refit.model.parameter_of(refit.addition, name)
+        sd = np.inf
+        if flat in refit.fit.free:
+            k = refit.fit.free.index(flat)
+            sd = float(np.sqrt(refit.fit.covariance[k, k]))
+        parameters[name] = (value, sd, units[name])
+    addition = refit.addition
+    return Ranked(
+        addition.label, addition.effect.name, addition.place.name, refit.evidence, refit.explains,
+        parameters, True,
+    )
+
+
+def _unrefitted(scored: Scored, fit: Fit) -> Ranked:
+    share = min(scored.gain / max(fit.at.cost, 1e-300), 1.0 - 1e-12)
+    addition = scored.addition
+    return Ranked(
+        addition.label, addition.effect.name, addition.place.name,
+        # White-noise scale: only ever used to order the tail of the list.
+        0.0, share, {}, False,
+    )
+
+
+def _ties(refits: tuple[Refit, ...], chosen: Refit | None) -> tuple[tuple[str, ...], ...]:
+    if chosen is None:
+        return ()
+    near = [
+        r.addition.label for r in refits if abs(r.evidence - chosen.evidence) <= _TIE
+    ]
+    return (tuple(near),) if len(near) > 1 else ()
+
+
+def _outcome(
+    chosen: Refit | None, ties: tuple[tuple[str, ...], ...], fit: Fit, floor: np.ndarray,
+    experiment: Experiment,
+) -> Outcome:
+    if chosen is not None:
+        return Outcome.UNDETERMINED if ties else Outcome.EFFECT
+    error = experiment.predict(fit.values, WINDOW, sd=fit.sd).rmse
+    if np.all(error <= _AT_FLOOR * floor):
+        return Outcome.COMPLETE
+    return Outcome.UNKNOWN_SHAPE
+
+
+def _next_experiment(ties: tuple[tuple[str, ...], ...]) -> str:
+    if not ties:
+        return ""
+    return (
+        "record the same motion at half and at twice the amplitude and speed: "
+        + ", ".join(ties[0]) + " change differently with them"
+    )

@@ -1,0 +1,174 @@
+"""How much a candidate explains: refitted, its evidence corrected for residuals that have memory."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from foundation.errors import TwinproofError
+from identification.discovery.extension import Addition, ExtendedModel, extend
+from identification.discovery.scan import Scored, transfer
+from identification.experiment import Experiment
+from identification.gauss_newton import Fit, fit
+from identification.problem import Matrix, Vector
+from identification.windows import guess_states
+
+_WORKERS = 2
+# A parameter that cannot start at its neutral value (a bound, or a flat cost) starts from these
+# shares of its nominal value instead.
+_STARTS = (0.1, 0.5, 1.0)
+
+
+@dataclass(frozen=True)
+class Refit:
+    """A candidate let into the model and everything refitted.
+
+    Attributes:
+        addition: Effect and place, with its fitted parameters.
+        model: The extended model.
+        experiment: That model on the record.
+        fit: Its fit.
+        evidence: ΔlogL against the model without it [nats], for as many independent samples as the
+            residuals' memory leaves.
+        explains: Share of the squared residual that it removes, 0 to 1.
+    """
+
+    addition: Addition
+    model: ExtendedModel
+    experiment: Experiment
+    fit: Fit
+    evidence: float
+    explains: float
+
+
+def refit_all(
+    model: ExtendedModel, experiment: Experiment, base: Fit, shortlist: Sequence[Scored]
+) -> tuple[tuple[Refit, ...], dict[str, str]]:
+    """Refit each candidate of a shortlist.
+
+    Returns:
+        The refits by falling evidence, and the candidates that failed with the reason.
+    """
+    one = partial(_refit_or_reason, model, experiment, base)
+    with ThreadPoolExecutor(_WORKERS) as pool:
+        results = list(pool.map(one, shortlist))
+    good = [r for r in results if isinstance(r, Refit)]
+    failed = {
+        s.addition.label: r for s, r in zip(shortlist, results, strict=True) if isinstance(r, str)
+    }
+    return tuple(sorted(good, key=lambda r: -r.evidence)), failed
+
+
+def _refit_or_reason(
+    model: ExtendedModel, experiment: Experiment, base: Fit, scored: Scored
+) -> Refit | str:
+    try:
+        return refit(model, experiment, base, scored)
+    except TwinproofError as error:
+        # One candidate's failure says nothing about the others.
+        return str(error)
+
+
+def refit(model: ExtendedModel, experiment: Experiment, base: Fit, scored: Scored) -> Refit:
+    """Let one candidate in and refit all parameters, from the score test's prediction.
+
+    Raises:
+        UnsupportedModelError: The extended model cannot be simulated with sensitivities.
+        DivergenceError: It cannot be fitted from any start.
+    """
+    addition = scored.addition
+    bigger = extend(model.base, [*model.additions, addition], values=model.values)
+    predicted = {
+        bigger.parameter_of(addition, p): value
+        for p, value in zip(addition.effect.main_parameters, scored.values.values(), strict=True)
+    }
+    problem = transfer(experiment.problem, bigger, base.values, model, added=predicted)
+    larger = Experiment.of(problem)
+    starts = [predicted]
+    nominal = {
+        bigger.parameter_of(addition, v.name): bigger.dae.number(v.nominal, 1.0)
+        for v in addition.effect.parameters
+        if v.name in addition.effect.main_parameters
+    }
+    if all(value == 0.0 for value in predicted.values()):
+        starts = [{k: share * v for k, v in nominal.items()} for share in _STARTS]
+    fits = [_fit_from(larger, experiment, base, start) for start in starts]
+    best = min(fits, key=lambda f: f.at.cost)
+    if not np.isfinite(best.at.cost):
+        # The predicted step may overshoot into instability: come from nearer the present model.
+        smaller = [{k: 0.1 * v for k, v in start.items()} for start in starts]
+        best = min(
+            (_fit_from(larger, experiment, base, start) for start in smaller),
+            key=lambda f: f.at.cost,
+        )
+    fitted = {
+        p: best.values[bigger.parameter_of(addition, p)]
+        for p in (*addition.effect.main_parameters, *addition.effect.shape_parameters)
+    }
+    evidence, explains = log_evidence(base, best)
+    return Refit(
+        Addition(addition.effect, addition.place, fitted), bigger, larger, best, evidence, explains
+    )
+
+
+def _fit_from(
+    larger: Experiment, smaller: Experiment, base: Fit, start: dict[str, float]
+) -> Fit:
+    windows = smaller.windows
+    x0 = carry_states(larger, smaller, base.x0)
+    values = {**larger.problem.values, **start}
+    return fit(larger.problem, larger.shooting, windows, x0, values)
+
+
+def carry_states(larger: Experiment, smaller: Experiment, x0: Matrix) -> Matrix:
+    """Return (windows, nx) initial states of an extended model: its own, where it is new."""
+    guesses = guess_states(larger.problem, larger.shooting, smaller.windows)
+    old = {n.removeprefix("plant."): i for i, n in enumerate(smaller.shooting.state_names)}
+    for j, name in enumerate(larger.shooting.state_names):
+        i = old.get(name.removeprefix("plant."))
+        if i is not None:
+            guesses[:, j] = x0[:, i]
+    return guesses
+
+
+def log_evidence(base: Fit, better: Fit) -> tuple[float, float]:
+    """Return ΔlogL [nats] of one fit over another, and the share of squared residual removed.
+
+    Each channel counts as many samples as are independent in the better fit's residuals.
+    """
+    if not (np.isfinite(better.at.cost) and np.isfinite(base.at.cost)):
+        return -np.inf, 0.0
+    before, after = np.log(base.at.rms), np.log(better.at.rms)
+    count = independent_samples(better.at.residuals)
+    # A channel at its noise floor in both fits weighs by its noise, not by its own misfit.
+    evidence = float(np.sum(count * (before - after)))
+    # Weighted as in the base fit, where every channel's misfit has unit size.
+    removed = 1.0 - float(np.mean(np.exp(2 * (after - before))))
+    return evidence, removed
+
+
+def independent_samples(residuals: Sequence[Matrix]) -> Vector:
+    """Return (ny,) how many independent samples residuals are worth.
+
+    n / τ with the integrated autocorrelation time τ = 1 + 2 Σ ρ_k, summed until the correlation
+    first vanishes (Sokal's initial positive sequence).
+    """
+    ny = residuals[0].shape[1]
+    n = sum(len(r) for r in residuals)
+    worth = np.zeros(ny)
+    for c in range(ny):
+        length = max(len(r) for r in residuals)
+        covariance = np.zeros(length)
+        for r in residuals:
+            size = 1 << (2 * len(r) - 1).bit_length()
+            spectrum = np.abs(np.fft.rfft(r[:, c], size)) ** 2
+            covariance[: len(r)] += np.fft.irfft(spectrum, size)[: len(r)]
+        rho = covariance / max(covariance[0], 1e-300)
+        negative = np.flatnonzero(rho <= 0)
+        stop = int(negative[0]) if len(negative) else length
+        worth[c] = n / max(1.0, 1.0 + 2.0 * float(np.sum(rho[1:stop])))
+    return worth

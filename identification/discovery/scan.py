@@ -1,0 +1,226 @@
+"""Every effect at every place, tested at once against a fitted model.
+
+All candidates are attached to one model, each with its defaults, where it is absent. One simulation
+with sensitivities then tells for each by how much the cost would fall if it were let in and
+everything else (parameters, initial states) followed: the score test. Nothing is refitted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from fmus.places import Place, places
+from fmus.sources import ModelicaSource
+from foundation.errors import TwinproofError, UnsupportedModelError
+from identification.discovery.effects import find_effects
+from identification.discovery.extension import Addition, ExtendedModel, extend
+from identification.experiment import Experiment
+from identification.gauss_newton import Fit, Linearised, linearise
+from identification.problem import Matrix, Problem, Vector, fitted_by_default
+from identification.shooting import Shooting
+from identification.windows import guess_states
+
+# Share of a candidate's raw information that must be left once parameters and initial states have
+# had theirs; below it the candidate is a copy of what the model already has.
+_DISTINCT = 1e-7
+
+
+@dataclass(frozen=True)
+class Scored:
+    """A candidate and what the score test says of it.
+
+    Attributes:
+        addition: Effect and place.
+        gain: Predicted fall of the cost Σ(residual/sd)².
+        values: Predicted main parameters.
+    """
+
+    addition: Addition
+    gain: float
+    values: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Scan:
+    """All candidates, the most promising first, and those that could not be tested."""
+
+    scored: tuple[Scored, ...]
+    skipped: Mapping[str, str]
+
+
+def candidates(source: ModelicaSource, measured: Sequence[str]) -> tuple[Addition, ...]:
+    """Return every effect at every place where it can act and would be noticed.
+
+    An output that is not recorded cannot show a sensor's effect.
+    """
+    effects = find_effects(source)
+    return tuple(
+        Addition(effect, place)
+        for place in places(source)
+        for effect in effects
+        if _fits(place, effect.kind, measured)
+    )
+
+
+def _fits(place: Place, kind: str, measured: Sequence[str]) -> bool:
+    if place.kind == "output":
+        return kind == "signal" and place.name in measured
+    return kind == ("signal" if place.kind == "input" else place.kind)
+
+
+def scan(
+    model: ExtendedModel, experiment: Experiment, fit: Fit, *, exclude: Sequence[str] = ()
+) -> Scan:
+    """Score every candidate that the model does not have yet.
+
+    Args:
+        model: The present model.
+        experiment: That model on the record.
+        fit: Its fit.
+        exclude: Labels (`EFFECT@PLACE`) not to test.
+    """
+    problem = experiment.problem
+    have = {a.label for a in model.additions} | set(exclude)
+    wanted = [
+        a for a in candidates(model.base, problem.output_names) if a.label not in have
+    ]
+    testable, skipped = _testable(model, wanted, problem)
+    whole = extend(
+        model.base, [*model.additions, *testable], values=model.values,
+        name=f"{model.base.short_name}_all",
+    )
+    mains = [
+        (a, [whole.parameter_of(a, p) for p in a.effect.main_parameters]) for a in testable
+    ]
+    base_names = {_renamed(whole, model, name): name for name in fit.free if name not in fit.held}
+    sensitive = [*base_names, *(name for _, names in mains for name in names)]
+    whole_problem = transfer(problem, whole, fit.values, model)
+    shooting = Shooting(whole.dae, problem.output_names, sensitive)
+    windows = experiment.windows
+    x0 = _transfer_states(whole_problem, shooting, experiment, fit.x0, windows)
+    at = linearise(whole_problem, shooting, windows, x0, whole_problem.values, fit.sd)
+    scored = [
+        _score(whole_problem, at, len(base_names), sensitive, addition, names)
+        for addition, names in mains
+    ]
+    kept = sorted((s for s in scored if s is not None), key=lambda s: -s.gain)
+    return Scan(tuple(kept), skipped)
+
+
+def _testable(
+    model: ExtendedModel, wanted: Sequence[Addition], problem: Problem
+) -> tuple[list[Addition], dict[str, str]]:
+    """Leave out what cannot be simulated with sensitivities, with the reason."""
+    del problem
+    testable: list[Addition] = []
+    skipped: dict[str, str] = {}
+    for addition in wanted:
+        if addition.place.kind == "output" and _delays(addition, model):
+            skipped[addition.label] = (
+                "a delayed sensor has no sensitivities yet; a first-order lag stands for it"
+            )
+        else:
+            testable.append(addition)
+    return testable, skipped
+
+
+def _delays(addition: Addition, model: ExtendedModel) -> bool:
+    from identification.discovery.effects import load_host  # noqa: PLC0415
+
+    del model
+    return bool(load_host(addition.effect).delays)
+
+
+def transfer(
+    problem: Problem, model: ExtendedModel, values: Mapping[str, float],
+    previous: ExtendedModel, *, added: Mapping[str, float] | None = None,
+) -> Problem:
+    """Return the same record for an extended model, with the previous model's values.
+
+    Args:
+        problem: Of the previous model.
+        model: The extended model.
+        values: Of the previous model's parameters, by its own names.
+        previous: The previous model.
+        added: Values of new parameters, by the extended model's names.
+    """
+    from dataclasses import replace  # noqa: PLC0415
+
+    dae = model.dae
+    independent = {
+        v.name: dae.parameter_values[v.name]
+        for v in dae.parameters
+        if v.name not in dae.dependent_parameters and v.role.value == "parameter"
+    }
+    carried = {
+        _renamed(model, previous, name): value for name, value in values.items()
+    }
+    independent.update({k: v for k, v in carried.items() if k in independent})
+    independent.update(added or {})
+    base_free = {_renamed(model, previous, name) for name in problem.free}
+    known = set(problem.values)
+    free = tuple(
+        name
+        for name in fitted_by_default(dae)
+        # What the user asked to hold stays held; what is new is free.
+        if name in base_free or _renamed(previous, model, name) not in known
+    )
+    return replace(problem, dae=dae, free=free, values=independent)
+
+
+def _renamed(to: ExtendedModel, source: ExtendedModel, name: str) -> str:
+    """Return a variable's flat name in another extension of the same model."""
+    plain = source.user_name(name)
+    for addition in to.additions:
+        if plain.startswith(addition.instance + "."):
+            return to.parameter_of(addition, plain.removeprefix(addition.instance + "."))
+    return plain
+
+
+def _transfer_states(
+    problem: Problem, shooting: Shooting, experiment: Experiment, x0: Matrix,
+    windows: Sequence[object],
+) -> Matrix:
+    del windows
+    guesses = guess_states(problem, shooting, experiment.windows)
+    old = {n.removeprefix("plant."): i for i, n in enumerate(experiment.shooting.state_names)}
+    for j, name in enumerate(shooting.state_names):
+        i = old.get(name.removeprefix("plant."))
+        if i is not None:
+            guesses[:, j] = x0[:, i]
+    return guesses
+
+
+def _score(
+    problem: Problem, at: Linearised, n_base: int, sensitive: Sequence[str], addition: Addition,
+    names: Sequence[str],
+) -> Scored | None:
+    base = np.arange(n_base)
+    mine = np.array([sensitive.index(name) for name in names])
+    gradient = _gradient(at)
+    if not np.isfinite(at.cost):
+        raise UnsupportedModelError("the model with all candidates attached cannot be simulated")
+    inverse = np.linalg.pinv(at.normal[np.ix_(base, base)], rcond=1e-12, hermitian=True)
+    cross = at.normal[np.ix_(mine, base)]
+    information = at.normal[np.ix_(mine, mine)] - cross @ inverse @ cross.T
+    score = gradient[mine] - cross @ inverse @ gradient[base]
+    raw = at.raw[mine]
+    if np.any(raw <= 0) or np.any(np.diag(information) < _DISTINCT * raw):
+        return Scored(addition, 0.0, dict.fromkeys(names, 0.0))
+    step = np.linalg.solve(information, score)
+    low = np.array([problem.dae.number(problem.dae.variables[n].minimum, -np.inf) for n in names])
+    high = np.array([problem.dae.number(problem.dae.variables[n].maximum, np.inf) for n in names])
+    inside = np.clip(step, low, high)
+    gain = float(2 * inside @ score - inside @ information @ inside)
+    return Scored(addition, max(gain, 0.0), dict(zip(names, inside.tolist(), strict=True)))
+
+
+def _gradient(at: Linearised) -> Vector:
+    """Return Jᵀr with the initial states eliminated (scores summed over blocks)."""
+    return np.sum(at.scores, axis=0)
+
+
+__all__ = ["Scan", "Scored", "TwinproofError", "candidates", "scan", "transfer"]

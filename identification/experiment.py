@@ -1,0 +1,99 @@
+"""A model compiled for one record, and its fit through windows of growing length."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from foundation.errors import DivergenceError
+from identification.gauss_newton import Fit, fit
+from identification.prediction import WINDOW, Prediction, predict
+from identification.problem import Matrix, Problem, Vector
+from identification.shooting import Shooting
+from identification.windows import Window, cut, guess_states
+
+STAGES = (0.25, 0.5, 1.0)
+"""Window lengths of the continuation, as shares of `WINDOW`: short windows forgive a bad start."""
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """A problem with its model compiled for simulation with sensitivities.
+
+    Attributes:
+        problem: Model and record.
+        shooting: The model, with sensitivities of the free parameters.
+    """
+
+    problem: Problem
+    shooting: Shooting
+
+    @classmethod
+    def of(cls, problem: Problem) -> Experiment:
+        """Compile a problem's model.
+
+        Raises:
+            UnsupportedModelError: The model cannot be simulated with sensitivities.
+        """
+        return cls(problem, Shooting(problem.dae, problem.output_names, problem.free))
+
+    @cached_property
+    def windows(self) -> tuple[Window, ...]:
+        """The record in windows of `WINDOW` seconds, or as long as it is."""
+        return cut(len(self.problem.time), self.problem.sample_time, WINDOW)
+
+    def guess(self, windows: Sequence[Window]) -> Matrix:
+        """Return (windows, nx) initial states from the measurement alone."""
+        return guess_states(self.problem, self.shooting, windows)
+
+    def fit_stages(
+        self, values: Mapping[str, float] | None = None, *, fixed_sd: Vector | None = None,
+        stages: Sequence[float] = STAGES,
+    ) -> tuple[Fit, ...]:
+        """Fit with windows of growing length, each stage from the one before.
+
+        Raises:
+            DivergenceError: No stage stayed finite.
+        """
+        current = dict(self.problem.values if values is None else {**self.problem.values, **values})
+        fits: list[Fit] = []
+        for share in stages:
+            windows = cut(
+                len(self.problem.time), self.problem.sample_time, share * WINDOW
+            )
+            if fits and len(windows) == len(fits[-1].x0):
+                continue
+            found = fit(
+                self.problem, self.shooting, windows, self.guess(windows), current,
+                fixed_sd=fixed_sd,
+            )
+            if np.isfinite(found.at.cost):
+                fits.append(found)
+                current = dict(found.values)
+        if not fits:
+            raise DivergenceError(
+                f"the simulation of {self.problem.dae.name} leaves the finite numbers from every "
+                "start", remedy="give better starting values with --param",
+            )
+        return tuple(fits)
+
+    def predict(
+        self, values: Mapping[str, float], horizon: float | None, *, sd: Vector | None = None,
+        windows: Sequence[Window] | None = None,
+    ) -> Prediction:
+        """Predict this record (see `identification.prediction.predict`)."""
+        return predict(
+            self.problem, self.shooting, values, horizon, sd=sd, windows=windows
+        )
+
+    def on(self, problem: Problem) -> Experiment:
+        """Return the same compiled model on another record."""
+        return Experiment(problem, self.shooting)
+
+
+def longest(fits: Sequence[Fit]) -> Fit:
+    """Return the fit with the longest windows."""
+    return fits[-1]

@@ -1,0 +1,327 @@
+"""Least squares over windows: parameters common to all, an initial state for each.
+
+The initial states are eliminated window by window (Schur complement), so the cost of a step grows
+linearly with the record. Levenberg–Marquardt damping in the parameters; weights per channel are
+the larger of the sensor's noise and the present misfit, so that a precise sensor does not drown the
+others while the model is still wrong (the concentrated Gaussian likelihood).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from identification.problem import Matrix, Problem, Vector
+from identification.shooting import Shooting
+from identification.windows import Window
+
+NDArrayBool = NDArray[np.bool_]
+
+_PROJECTED = 1e-9  # share of a parameter's information that must survive projection
+
+
+@dataclass(frozen=True)
+class Linearised:
+    """Weighted residuals and normal equations at one point, initial states eliminated.
+
+    Attributes:
+        cost: Σ (residual/sd)², infinite if a window left the finite numbers.
+        rms: (ny,) unweighted root-mean-square residual.
+        samples: Number of samples.
+        normal: (ns, ns) projected normal matrix.
+        raw: (ns,) diagonal of the normal matrix before projection.
+        grams: Per window JᵀJ, (nx + ns, nx + ns), and Jᵀr.
+        scores: (blocks, ns) sums of Jᵀr over short blocks, for honest covariances.
+        residuals: Per window (n, ny) unweighted.
+    """
+
+    cost: float
+    rms: Vector
+    samples: int
+    normal: Matrix
+    raw: Vector
+    grams: tuple[tuple[Matrix, Vector], ...]
+    scores: Matrix
+    residuals: tuple[Matrix, ...]
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A converged (or best so far) least-squares fit.
+
+    Attributes:
+        values: Every independent parameter.
+        free: The fitted ones, in the order of `covariance`.
+        held: Of those, the ones that the data do not see, held at their start values.
+        x0: (windows, nx).
+        sd: (ny,) weights used last.
+        at: The linearisation at the solution.
+        covariance: (k, k); rows of held parameters are infinite on the diagonal.
+        condition_number: Of the scaled, projected Jacobian.
+        converged: The last step was below tolerance.
+    """
+
+    values: Mapping[str, float]
+    free: tuple[str, ...]
+    held: frozenset[str]
+    x0: Matrix
+    sd: Vector
+    at: Linearised
+    covariance: Matrix
+    condition_number: float
+    converged: bool
+
+    @property
+    def log_likelihood(self) -> float:
+        """Gaussian log-likelihood of the residuals at the weights used, white noise assumed."""
+        return -0.5 * self.at.cost - self.at.samples * float(np.sum(np.log(self.sd)))
+
+
+def simulate(
+    problem: Problem, shooting: Shooting, windows: Sequence[Window], x0: Matrix,
+    values: Mapping[str, float],
+) -> tuple[Matrix, ...]:
+    """Return each window's simulated outputs, (n, ny); NaN after a window diverged."""
+    p = shooting.parameter_vector(values)
+    inputs = shooting.inputs_with_delays(problem.inputs, problem.sample_time, p)
+    return tuple(
+        shooting.run(
+            x0[k], inputs[w.begin : w.end], p, problem.sample_time, t0=float(problem.time[w.begin])
+        ).outputs
+        for k, w in enumerate(windows)
+    )
+
+
+def linearise(
+    problem: Problem, shooting: Shooting, windows: Sequence[Window], x0: Matrix,
+    values: Mapping[str, float], sd: Vector, *, block: float = 0.25,
+) -> Linearised:
+    """Simulate all windows with sensitivities and form the projected normal equations.
+
+    Args:
+        block: Duration of the blocks over which scores are summed [s].
+    """
+    h, ns, nx = problem.sample_time, len(shooting.sensitive), shooting.nx
+    p = shooting.parameter_vector(values)
+    inputs = shooting.inputs_with_delays(problem.inputs, h, p)
+    per_block = max(1, round(block / h))
+    normal, raw = np.zeros((ns, ns)), np.zeros(ns)
+    cost, squares, samples = 0.0, np.zeros(len(sd)), 0
+    grams: list[tuple[Matrix, Vector]] = []
+    scores: list[Vector] = []
+    residuals: list[Matrix] = []
+    for k, window in enumerate(windows):
+        response = shooting.run(
+            x0[k], inputs[window.begin : window.end], p, h, t0=float(problem.time[window.begin]),
+            sensitivities=True,
+        )
+        misfit = problem.outputs[window.begin : window.end] - response.outputs
+        residuals.append(misfit)
+        jacobian = response.sensitivities / sd[:, None]
+        if response.finite < len(window) or not np.all(np.isfinite(jacobian)):
+            return _diverged(len(sd), ns)
+        r = misfit / sd
+        cost += float(np.sum(r * r))
+        squares += np.sum(misfit**2, axis=0)
+        samples += len(window)
+        flat = jacobian.reshape(-1, nx + ns)
+        gram, score = flat.T @ flat, flat.T @ r.ravel()
+        weight, _ = _eliminate(gram, score, nx, 0.0)
+        normal += gram[nx:, nx:] - gram[nx:, :nx] @ weight
+        raw += np.diag(gram[nx:, nx:])
+        grams.append((gram, score))
+        projected = jacobian[:, :, nx:] - jacobian[:, :, :nx] @ weight
+        contributions = np.einsum("nys,ny->ns", projected, r)
+        edges = np.arange(0, len(window), per_block)
+        scores.extend(np.add.reduceat(contributions, edges, axis=0))
+    return Linearised(
+        cost, np.sqrt(squares / samples), samples, normal, raw, tuple(grams), np.array(scores),
+        tuple(residuals),
+    )
+
+
+def _eliminate(gram: Matrix, score: Vector, nx: int, damping: float) -> tuple[Matrix, Vector]:
+    """Return (Wθ, w₀): for a parameter step Δθ the best initial state moves by w₀ - Wθ·Δθ."""
+    diagonal = np.diag(gram)[:nx]
+    # The small ridge only matters for a state that this window cannot see.
+    states = gram[:nx, :nx] + np.diag((1e-12 + damping) * diagonal + 1e-300)
+    solved = np.linalg.solve(states, np.column_stack([gram[:nx, nx:], score[:nx]]))
+    return solved[:, :-1], solved[:, -1]
+
+
+def _diverged(ny: int, ns: int) -> Linearised:
+    nothing = np.zeros((ns, ns))
+    return Linearised(
+        np.inf, np.full(ny, np.inf), 0, nothing, np.zeros(ns), (), np.zeros((0, ns)), ()
+    )
+
+
+def weights(noise_sd: Vector, rms: Vector) -> Vector:
+    """Return each channel's weight: its sensor's noise, or the misfit where that is larger."""
+    return np.fmax(np.fmax(noise_sd, rms), 1e-300)
+
+
+@dataclass(frozen=True)
+class _Point:
+    values: dict[str, float]
+    x0: Matrix
+    at: Linearised
+
+
+def fit(
+    problem: Problem, shooting: Shooting, windows: Sequence[Window], x0: Matrix,
+    values: Mapping[str, float], *, free: Sequence[str] | None = None,
+    fixed_sd: Vector | None = None, iterations: int = 30, tolerance: float = 1e-7,
+) -> Fit:
+    """Fit parameters and initial states.
+
+    Args:
+        problem: The record.
+        shooting: Compiled with sensitivities for (at least) the free parameters.
+        windows: Over which to fit.
+        x0: (windows, nx) initial states to start from.
+        values: Every independent parameter, to start from.
+        free: Parameters to fit; None for all that `shooting` knows sensitivities of.
+        fixed_sd: (ny,) weights; None to derive them from noise and misfit as the fit proceeds.
+        iterations: At most this many accepted steps.
+        tolerance: Relative decrease of the cost below which it has converged.
+
+    Returns:
+        The best point found. If even the start diverges, `at.cost` is infinite.
+    """
+    names = shooting.sensitive
+    chosen = np.array([name in (free if free is not None else names) for name in names])
+    low, high = _bounds(problem, names)
+    sd = fixed_sd if fixed_sd is not None else weights(
+        problem.noise_sd, np.std(problem.outputs, axis=0)
+    )
+    point = _Point(
+        dict(values), x0, linearise(problem, shooting, windows, x0, values, sd)
+    )
+    if not np.isfinite(point.at.cost):
+        return _finish(problem, names, chosen, point, sd, converged=False)
+    converged, damping = False, 1e-4
+    for _ in range(iterations):
+        if fixed_sd is None:
+            new_sd = weights(problem.noise_sd, point.at.rms)
+            if np.any(np.abs(new_sd - sd) > 1e-3 * sd):
+                sd = new_sd
+                point = _Point(
+                    point.values, point.x0,
+                    linearise(problem, shooting, windows, point.x0, point.values, sd),
+                )
+        step = _step(problem, shooting, windows, names, chosen, point, sd, damping, low, high)
+        if step is None:
+            converged = True
+            break
+        new, damping = step
+        drop = (point.at.cost - new.at.cost) / max(point.at.cost, 1e-300)
+        moved_sd = fixed_sd is None and bool(
+            np.any(np.abs(weights(problem.noise_sd, new.at.rms) - sd) > 1e-3 * sd)
+        )
+        point = new
+        if drop < tolerance and not moved_sd:
+            converged = True
+            break
+    return _finish(problem, names, chosen, point, sd, converged=converged)
+
+
+def _bounds(problem: Problem, names: Sequence[str]) -> tuple[Vector, Vector]:
+    dae = problem.dae
+    low = [dae.number(dae.variables[name].minimum, -np.inf) for name in names]
+    high = [dae.number(dae.variables[name].maximum, np.inf) for name in names]
+    return np.array(low), np.array(high)
+
+
+def seen(at: Linearised) -> NDArrayBool:
+    """Return which parameters the data see, given that initial states are free."""
+    diagonal = np.diag(at.normal)
+    return (diagonal > _PROJECTED * at.raw) & (at.raw > 0)
+
+
+def _step(
+    problem: Problem, shooting: Shooting, windows: Sequence[Window], names: Sequence[str],
+    chosen: NDArrayBool, point: _Point, sd: Vector, damping: float, low: Vector, high: Vector,
+) -> tuple[_Point, float] | None:
+    """Take one damped step that lowers the cost; None if there is none."""
+    theta = np.array([point.values[name] for name in names])
+    active = chosen & seen(point.at)
+    nx = shooting.nx
+    for _ in range(14):
+        # Damping holds back the initial states too: friction at rest is as nonlinear in them.
+        normal, gradient = np.zeros_like(point.at.normal), np.zeros(len(names))
+        back: list[tuple[Matrix, Vector]] = []
+        for gram, score in point.at.grams:
+            weight, shift = _eliminate(gram, score, nx, damping)
+            normal += gram[nx:, nx:] - gram[nx:, :nx] @ weight
+            gradient += score[nx:] - gram[nx:, :nx] @ shift
+            back.append((weight, shift))
+        # At a bound, only moves back inside are free.
+        inside = ~((theta <= low) & (gradient < 0)) & ~((theta >= high) & (gradient > 0))
+        index = np.flatnonzero(active & inside)
+        delta = np.zeros(len(names))
+        if len(index):
+            block = normal[np.ix_(index, index)]
+            scale = np.sqrt(np.diag(block))
+            damped = block / np.outer(scale, scale) + damping * np.eye(len(index))
+            delta[index] = np.linalg.lstsq(damped, gradient[index] / scale, rcond=1e-13)[0] / scale
+        new_theta = np.clip(theta + delta, low, high)
+        delta = new_theta - theta
+        new_x0 = np.array(
+            [x + w0 - w @ delta for x, (w, w0) in zip(point.x0, back, strict=True)]
+        )
+        new_values = {**point.values, **dict(zip(names, new_theta.tolist(), strict=True))}
+        at = linearise(problem, shooting, windows, new_x0, new_values, sd)
+        if at.cost < point.at.cost:
+            return _Point(new_values, new_x0, at), max(damping / 10, 1e-12)
+        damping = max(damping * 10, 1e-9)
+    return None
+
+
+def _finish(
+    problem: Problem, names: Sequence[str], chosen: NDArrayBool, point: _Point, sd: Vector, *,
+    converged: bool,
+) -> Fit:
+    free = tuple(name for name, c in zip(names, chosen, strict=True) if c)
+    index = np.flatnonzero(chosen)
+    covariance = np.full((len(free), len(free)), np.nan)
+    condition = np.inf
+    held: frozenset[str] = frozenset(free)
+    if np.isfinite(point.at.cost) and len(index):
+        visible = seen(point.at)[index]
+        held = frozenset(name for name, v in zip(free, visible, strict=True) if not v)
+        keep = index[visible]
+        if len(keep):
+            block, condition = covariance_of(point.at, keep)
+            where = np.flatnonzero(visible)
+            covariance[np.ix_(where, where)] = block
+        np.fill_diagonal(covariance, np.where(visible, np.diag(covariance), np.inf))
+    return Fit(
+        point.values, free, held, point.x0, sd, point.at, covariance, float(condition), converged
+    )
+
+
+def covariance_of(at: Linearised, index: NDArray[np.intp]) -> tuple[Matrix, float]:
+    """Return the covariance of some parameters, and the condition number of their Jacobian.
+
+    The sandwich H⁻¹ S H⁻¹ with S from sums over short blocks, so that residuals that are correlated
+    in time (a model error, a coloured disturbance) widen it; never narrower than white noise of the
+    present size would make it.
+    """
+    normal = at.normal[np.ix_(index, index)]
+    scale = np.sqrt(np.diag(normal))
+    scaled = normal / np.outer(scale, scale)
+    eigenvalues = np.linalg.eigvalsh(scaled)
+    condition = float(np.sqrt(eigenvalues[-1] / max(eigenvalues[0], 1e-300)))
+    inverse = np.linalg.pinv(scaled, rcond=1e-13, hermitian=True)
+    scores = at.scores[:, index] / scale
+    blocks = len(scores)
+    spread = scores.T @ scores * (blocks / max(blocks - len(index), 1))
+    sandwich = inverse @ spread @ inverse
+    white = inverse * at.cost / max(at.samples * len(at.rms), 1)
+    wider = np.maximum(1.0, np.diag(white) / np.maximum(np.diag(sandwich), 1e-300))
+    grow = np.sqrt(wider)
+    return sandwich * np.outer(grow, grow) / np.outer(scale, scale), condition

@@ -1,0 +1,165 @@
+"""How well a model predicts a record: one rule for fitted and for unseen data.
+
+Free simulation: the first tenth of the record estimates the initial state, all of it is scored.
+Windows: each window's first tenth estimates its initial state and is not scored.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from identification.problem import Matrix, Problem, Vector
+from identification.shooting import Shooting
+from identification.windows import Window, cut, guess_states, settle, settling_samples
+
+WINDOW = 1.0
+"""Length of the windows where a free simulation does not stay bounded [s]."""
+
+# A free simulation further off than this many spans of the measurement has run away.
+_BOUNDED = 10.0
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """A model's prediction of a record.
+
+    Attributes:
+        horizon: Window length [s], or None for the free simulation.
+        windows: What was predicted in one go.
+        simulated: (n, ny), NaN where a window diverged.
+        scored: (n,) True where the error counts.
+        x0: (windows, nx) initial states used.
+        error: (n, ny) measured minus simulated.
+        floor: (ny,) root-mean-square error that a perfect model would show here: sensor noise and
+            the initial states' share of it; NaN where the noise is unknown.
+        deviation: (ny,) standard deviation of the measurement over the record.
+    """
+
+    horizon: float | None
+    windows: tuple[Window, ...]
+    simulated: Matrix
+    scored: np.ndarray[tuple[int], np.dtype[np.bool_]]
+    x0: Matrix
+    error: Matrix
+    floor: Vector
+    deviation: Vector
+
+    @property
+    def bounded(self) -> bool:
+        """No window left the finite numbers, nor strayed far beyond the measurement."""
+        limit = _BOUNDED * np.fmax(self.deviation, 1e-300)
+        return bool(np.all(np.isfinite(self.error)) and np.all(np.abs(self.error) < limit))
+
+    @cached_property
+    def rmse(self) -> Vector:
+        """(ny,) root-mean-square error over the scored samples."""
+        return np.sqrt(np.mean(self.error[self.scored] ** 2, axis=0))
+
+    @cached_property
+    def nrmse(self) -> Vector:
+        """(ny,) RMSE over the standard deviation of the measurement."""
+        return self.rmse / np.fmax(self.deviation, 1e-300)
+
+    @property
+    def total_nrmse(self) -> float:
+        """Root mean square of the channels' NRMSE."""
+        return float(np.sqrt(np.mean(self.nrmse**2)))
+
+    def window_errors(self) -> Matrix:
+        """Return (windows, ny): the mean squared error of each window's scored samples."""
+        rows = [
+            np.mean(self.error[w.begin : w.end][self.scored[w.begin : w.end]] ** 2, axis=0)
+            for w in self.windows
+        ]
+        return np.array(rows)
+
+
+def predict(
+    problem: Problem, shooting: Shooting, values: Mapping[str, float], horizon: float | None, *,
+    windows: Sequence[Window] | None = None, sd: Vector | None = None,
+) -> Prediction:
+    """Predict a record window by window.
+
+    Args:
+        problem: The record.
+        shooting: The model, compiled.
+        values: Every independent parameter.
+        horizon: Window length [s]; None for the free simulation.
+        windows: Use these instead of cutting the whole record (horizon must not be None).
+        sd: (ny,) relative weights of the channels while initial states are estimated; by default
+            the sensors' noise, or a thousandth of the signal where it is unknown.
+    """
+    h, n = problem.sample_time, len(problem.time)
+    chosen = tuple(windows) if windows is not None else cut(n, h, horizon)
+    noise = noise_estimate(problem)
+    deviation = np.std(problem.outputs, axis=0)
+    weight = sd if sd is not None else np.fmax(noise, 1e-3 * deviation)
+    p = shooting.parameter_vector(values)
+    inputs = shooting.inputs_with_delays(problem.inputs, h, p)
+    guesses = guess_states(problem, shooting, chosen)
+    full = None if horizon is None else round(horizon / h)
+    simulated = np.full(problem.outputs.shape, np.nan)
+    scored = np.zeros(n, dtype=bool)
+    x0 = np.zeros_like(guesses)
+    floor = np.zeros(len(problem.output_names))
+    for k, window in enumerate(chosen):
+        settling = settling_samples(window, full)
+        x0[k] = settle(problem, shooting, window, settling, guesses[k], inputs, p, weight)
+        response = shooting.run(
+            x0[k], inputs[window.begin : window.end], p, h, t0=float(problem.time[window.begin]),
+            sensitivities=True,
+        )
+        simulated[window.begin : window.end] = response.outputs
+        first = window.begin if horizon is None else window.begin + settling
+        scored[first : window.end] = True
+        if response.finite == len(window):
+            floor += _floor(response.sensitivities[:, :, : shooting.nx], settling, noise,
+                            first - window.begin)
+    count = max(int(np.sum(scored)), 1)
+    return Prediction(
+        horizon, chosen, simulated, scored, x0, problem.outputs - simulated,
+        np.sqrt(floor / count), deviation,
+    )
+
+
+def _floor(to_x0: Matrix, settling: int, noise: Vector, first: int) -> Vector:
+    """Return (ny,) the sum of squares that noise alone would leave over a window's scored samples.
+
+    The initial state's covariance after settling is carried along by the sensitivities.
+    """
+    weighted = (to_x0[:settling] / noise[:, None]).reshape(-1, to_x0.shape[2])
+    information = weighted.T @ weighted
+    ridge = 1e-12 * np.diag(np.diag(information) + 1e-300)
+    covariance = np.linalg.pinv(information + ridge, hermitian=True)
+    spread = np.einsum("nyi,ij,nyj->ny", to_x0[first:], covariance, to_x0[first:])
+    return np.sum(spread + noise**2, axis=0)
+
+
+def noise_estimate(problem: Problem) -> Vector:
+    """Return (ny,) each channel's noise: what is known of its sensor, else an estimate.
+
+    The estimate is the spread of third differences, which a smooth signal sampled densely does not
+    reach: sd(Δ³y) = √20·sd(noise) for white noise.
+    """
+    third = np.diff(problem.outputs, n=3, axis=0)
+    scale = 1.4826 / np.sqrt(20.0)
+    estimate = scale * np.median(np.abs(third), axis=0)
+    smallest = 1e-9 * np.fmax(np.std(problem.outputs, axis=0), 1e-300)
+    return np.where(np.isnan(problem.noise_sd), np.fmax(estimate, smallest), problem.noise_sd)
+
+
+def choose_horizon(
+    problem: Problem, shooting: Shooting, values: Mapping[str, float]
+) -> float | None:
+    """Return None (free simulation) where that stays bounded, else `WINDOW`.
+
+    A record shorter than one and a half windows is always simulated freely.
+    """
+    if predict(problem, shooting, values, None).bounded:
+        return None
+    duration = float(problem.time[-1] - problem.time[0])
+    return WINDOW if duration > 1.5 * WINDOW else None
