@@ -13,7 +13,7 @@ import casadi as ca
 from fmus.blocks import solve_blocks
 from fmus.casadi_expressions import SX, CasadiFold
 from fmus.dae import Dae, Role, Variable
-from fmus.expressions import Delayed, Derivative, Expression, Previous, Relation, Symbol, Time
+from fmus.expressions import Delayed, Derivative, Expression, Previous, Relation, Symbol, Time, walk
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +102,7 @@ def explicit(dae: Dae, *, freeze_relations: bool = False) -> ExplicitModel:
     relations = ca.SX.sym("relation", len(dae.relations))
     derivative_of = {v.name: ca.SX.sym(f"der({v.name})") for v in states}
     algebraic = {v.name: ca.SX.sym(v.name) for v in dae.with_role(Role.ALGEBRAIC)}
-    previous: dict[str, SX] = {}
+    previous = {name: ca.SX.sym(f"pre({name})") for name in _previous_names(dae)}
     leaves: dict[str, SX] = {
         **{v.name: x[i] for i, v in enumerate(states)},
         **{v.name: u[i] for i, v in enumerate(inputs)},
@@ -127,7 +127,7 @@ def explicit(dae: Dae, *, freeze_relations: bool = False) -> ExplicitModel:
             case Derivative(name=name):
                 return derivative_of[name]
             case Previous(name=name):
-                return previous.setdefault(name, ca.SX.sym(f"pre({name})"))
+                return previous[name]
             case Delayed(index=index):
                 return delayed[index]
             case _:
@@ -161,6 +161,19 @@ def explicit(dae: Dae, *, freeze_relations: bool = False) -> ExplicitModel:
         discrete_names=tuple(v.name for v in discrete),
         fold=_SolvedFold(fold, unknowns, values),
     )
+
+
+def _previous_names(dae: Dae) -> tuple[str, ...]:
+    expressions = [
+        *dae.residuals,
+        *dae.initial_residuals,
+        *dae.relations,
+        *dae.delays,
+        *(part for r in dae.reinits for part in (r.value, r.trigger)),
+        *(part for w in dae.when_equations for part in (w.residual, w.trigger)),
+    ]
+    found = (node.name for e in expressions for node in walk(e) if isinstance(node, Previous))
+    return tuple(dict.fromkeys(found))
 
 
 def _column(variables: Sequence[Variable]) -> SX:

@@ -1,0 +1,188 @@
+"""A solved model as C: the header file that the FMU runtime is compiled with."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+
+import casadi as ca
+
+from fmus.casadi_expressions import SX
+from fmus.events import EventSystem, event_system
+from fmus.explicit import ExplicitModel
+from fmus.initialisation import InitialSystem, initial_system
+from fmus.layout import Layout
+
+GUID_MARK = "@GUID@"
+"""Stands in generated text where the GUID goes, which is computed from that text."""
+
+
+def model_header(model: ExplicitModel, layout: Layout) -> str:
+    """Return `model.h`: sizes, tables and functions of one model, all static.
+
+    Args:
+        model: Solved with frozen relations.
+        layout: Its variables.
+
+    Raises:
+        UnsupportedModelError: Events or initial equations have no translation.
+    """
+    events = event_system(model)
+    initial = initial_system(model)
+    return "\n".join(
+        [
+            f"/* Generated from the Modelica model {model.dae.name}. */",
+            "#ifndef TWINPROOF_MODEL_H",
+            "#define TWINPROOF_MODEL_H",
+            "",
+            *_sizes(model, layout, events, initial),
+            "",
+            *_tables(model, layout, events, initial),
+            "",
+            _c_functions(_functions(model, layout, events, initial)),
+            "#endif",
+            "",
+        ]
+    )
+
+
+def _sizes(
+    model: ExplicitModel, layout: Layout, events: EventSystem, initial: InitialSystem
+) -> list[str]:
+    sizes = {
+        "PARAMETERS": len(model.parameter_names),
+        "INPUTS": len(model.input_names),
+        "STATES": len(model.state_names),
+        "DISCRETES": len(model.discrete_names),
+        "OTHERS": len(layout.others),
+        "RELATIONS": len(model.dae.relations),
+        "TRIGGERS": events.triggers.shape[0],
+        "DELAYS": len(model.dae.delays),
+        "INITIAL": len(initial.states),
+    }
+    return [
+        f'#define MODEL_GUID "{GUID_MARK}"',
+        *(f"#define N_{name} {number}" for name, number in sizes.items()),
+    ]
+
+
+def _tables(
+    model: ExplicitModel, layout: Layout, events: EventSystem, initial: InitialSystem
+) -> list[str]:
+    dae = model.dae
+    # A nominal value of zero says nothing about the size of a state.
+    nominals = (abs(dae.number(v.nominal, 1.0)) or 1.0 for v in dae.states)
+    return [
+        "/* Start values of parameters, inputs, states and discrete variables. */",
+        _table("double", "start_values", map(repr, layout.starts)),
+        _table("unsigned char", "is_tunable", (str(int(t)) for t in layout.tunable)),
+        _table("double", "nominals", map(repr, nominals)),
+        _table("char *const", "state_names", (f'"{name}"' for name in model.state_names)),
+        "/* Relations that are false where their indicator is zero. */",
+        _table("unsigned char", "is_strict", (str(int(s)) for s in events.strict)),
+        "/* States that the initial equations determine. */",
+        _table("int", "initial_states", map(str, initial.states)),
+    ]
+
+
+def _table(kind: str, name: str, entries: Iterable[str]) -> str:
+    rows = list(entries) or ["0"]  # C has no empty arrays
+    return f"static const {kind} model_{name}[] = {{{', '.join(rows)}}};"
+
+
+def _functions(
+    model: ExplicitModel, layout: Layout, events: EventSystem, initial: InitialSystem
+) -> list[ca.Function]:
+    names = ["time", "states", "inputs", "parameters", "discrete", "delayed", "relations"]
+    at = [model.time, model.x, model.u, model.p, model.discrete, model.delayed, model.relations]
+    others = ca.vertcat(*(e for _, e in layout.others)) if layout.others else ca.SX(0, 1)
+    computed = ca.vertcat(model.derivatives, others)
+
+    seeds = [ca.SX.sym(f"seed_{k}", v.shape[0]) for k, v in zip("xup", at[1:4], strict=True)]
+    change = ca.jtimes(computed, ca.vertcat(*at[1:4]), ca.vertcat(*seeds))
+
+    operands = _column([model.fold(delay.operand) for delay in model.dae.delays])
+    durations = _column([model.fold(delay.duration) for delay in model.dae.delays])
+    input_slopes = ca.SX.sym("input_slopes", model.u.shape[0])
+    directions = ca.vertcat(1.0, model.derivatives, input_slopes)
+    slopes = ca.jtimes(operands, ca.vertcat(model.time, model.x, model.u), directions)
+
+    def of_situation(name: str, results: dict[str, SX], **further: SX) -> ca.Function:
+        arguments = [*at, *further.values()]
+        # Outside when-clauses, a value and its value before the last event are the same.
+        settled = [ca.densify(_settled(model, result)) for result in results.values()]
+        return ca.Function(f"model_{name}", arguments, settled, [*names, *further], [*results])
+
+    return [
+        of_situation("derivatives", {"derivatives": model.derivatives}),
+        of_situation("others", {"others": others}),
+        of_situation("indicators", {"indicators": events.indicators}),
+        of_situation("triggers", {"triggers": events.triggers}),
+        of_situation("actions", {"after": events.after}, fired=events.fired),
+        of_situation("initial", {"residual": initial.residual, "jacobian": initial.jacobian}),
+        of_situation("delays", {"operands": operands, "slopes": slopes}, rates=input_slopes),
+        of_situation(
+            "directional",
+            {"change": change},
+            seed_states=seeds[0],
+            seed_inputs=seeds[1],
+            seed_parameters=seeds[2],
+        ),
+        ca.Function(
+            "model_start",
+            [model.p, layout.settable_starts],
+            [ca.densify(layout.computed_starts)],
+            ["parameters", "set"],
+            ["start"],
+        ),
+        ca.Function(
+            "model_durations", [model.p], [ca.densify(durations)], ["parameters"], ["durations"]
+        ),
+    ]
+
+
+def _column(parts: Sequence[SX]) -> SX:
+    return ca.vertcat(*parts) if parts else ca.SX(0, 1)
+
+
+def _settled(model: ExplicitModel, expression: SX) -> SX:
+    if not model.previous_names:
+        return expression
+    now = ca.vertcat(*(model.value(name) for name in model.previous_names))
+    return ca.substitute(expression, model.previous, now)
+
+
+def _c_functions(functions: Sequence[ca.Function]) -> str:
+    """Let CasADi write C; of its text, keep the function bodies and make everything static.
+
+    What is left out are the functions by which CasADi itself loads compiled code; left as they
+    are, public names could also clash with those of other libraries in the same process.
+    """
+    generator = ca.CodeGenerator(
+        "model", {"casadi_int": "int", "with_export": False, "with_header": False}
+    )
+    for function in functions:
+        generator.add(function)
+    text = generator.dump()
+    # Scalar code keeps its intermediate results on the stack; the runtime passes no work space.
+    assert re.search(r"\bi?w\[", text) is None
+    text = re.sub(r"#ifdef CASADI_CODEGEN_PREFIX.*?#endif\n", _PREFIX, text, flags=re.DOTALL)
+    text = re.sub(r"#define casadi_[fs]\d+ .*\n", "", text)
+    pieces = (_static(piece) for piece in re.split(r"\n\n+", text))
+    return "\n\n".join(piece for piece in pieces if piece)
+
+
+def _static(piece: str) -> str:
+    """Return a top-level piece of CasADi's text as static code; nothing if it is not needed."""
+    body = re.match(r"/\* (model_\w+):", piece)
+    if body is not None:
+        # CasADi numbers the bodies; each gets the name of its function.
+        return re.sub(r"static int casadi_f\d+\(", f"static int {body[1]}(", piece)
+    if re.match(r"casadi_real casadi_\w+\(", piece):
+        return "static " + piece
+    # Everything else is for CasADi's own loader: sizes, names, patterns, versions.
+    is_needed = piece.startswith(("#", "/* How to prefix", "/* Add prefix"))
+    return piece if is_needed else ""
+
+
+_PREFIX = "#define CASADI_PREFIX(name) model_##name\n"

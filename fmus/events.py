@@ -1,0 +1,136 @@
+"""Relations, when-clauses and reinit as CasADi functions of the frozen situation."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+
+from fmus.blocks import solve_blocks
+from fmus.casadi_expressions import SX
+from fmus.dae import Role, WhenEquation
+from fmus.explicit import ExplicitModel
+from fmus.expressions import Expression, Operation, Relation, Symbol
+from foundation.errors import UnsupportedModelError
+
+
+@dataclass(frozen=True)
+class EventSystem:
+    """What happens at events.
+
+    Attributes:
+        indicators: Column; positive where the relation of that index holds.
+        strict: For each relation, whether it is false where its indicator is zero.
+        triggers: Column of when-conditions, 0 or 1; a clause fires when one rises.
+        fired: Column symbol: which triggers have risen.
+        after: Column of states and discrete variables after the event.
+    """
+
+    indicators: SX
+    strict: tuple[bool, ...]
+    triggers: SX
+    fired: SX
+    after: SX
+
+
+def event_system(model: ExplicitModel) -> EventSystem:
+    """Collect the events of a model whose relations are frozen.
+
+    Raises:
+        UnsupportedModelError: A when-clause has no translation.
+    """
+    triggers: list[Expression] = []
+
+    def number(trigger: Expression) -> list[int]:
+        found: list[int] = []
+        for condition in _conditions(trigger):
+            if condition not in triggers:  # by identity: equal text makes equal clauses anyway
+                triggers.append(condition)
+            found.append(triggers.index(condition))
+        return found
+
+    when = [(equation, number(equation.trigger)) for equation in model.dae.when_equations]
+    reinits = [(reinit, number(reinit.trigger)) for reinit in model.dae.reinits]
+    fired = ca.SX.sym("fired", len(triggers))
+
+    def rises(numbers: list[int]) -> SX:
+        result = ca.SX(0)
+        for i in numbers:
+            result = ca.logic_or(result, fired[i])
+        return result
+
+    discrete = _discrete_after(model, [(e, rises(numbers)) for e, numbers in when])
+    states = [model.x[i] for i in range(len(model.state_names))]
+    for reinit, numbers in reinits:
+        i = model.state_names.index(reinit.state)
+        value = _with_new(model, reinit.value, discrete)
+        states[i] = ca.if_else(rises(numbers), value, states[i])
+    return EventSystem(
+        indicators=_column([_indicator(model, r) for r in model.dae.relations]),
+        strict=tuple(r.comparison.operator in ("greater", "less") for r in model.dae.relations),
+        triggers=_column([model.fold(t) for t in triggers]),
+        fired=fired,
+        after=_column([*states, discrete]),
+    )
+
+
+def _column(parts: Sequence[SX]) -> SX:
+    return ca.vertcat(*parts) if parts else ca.SX(0, 1)
+
+
+def _conditions(trigger: Expression) -> list[Expression]:
+    """`when {a, b}` fires when any of them rises."""
+    if isinstance(trigger, Operation) and trigger.operator == "any_rise":
+        return [c for operand in trigger.operands for c in _conditions(operand)]
+    return [trigger]
+
+
+def _indicator(model: ExplicitModel, relation: Relation) -> SX:
+    left, right = (model.fold(operand) for operand in relation.comparison.operands)
+    greater = relation.comparison.operator in ("greater", "greater_equal")
+    return left - right if greater else right - left
+
+
+def _before(model: ExplicitModel) -> SX:
+    """What pre(…) stands for: values as the event began."""
+
+    def value(name: str) -> SX:
+        if name in model.discrete_names:
+            return model.discrete[model.discrete_names.index(name)]
+        return model.value(name)
+
+    return _column([value(name) for name in model.previous_names])
+
+
+def _discrete_after(model: ExplicitModel, when: Sequence[tuple[WhenEquation, SX]]) -> SX:
+    """New values of the discrete variables; equations at one event may use each other's."""
+    new = ca.SX.sym("new", len(model.discrete_names))
+    values = [model.discrete[i] for i in range(len(model.discrete_names))]
+    # The first clause wins where `elsewhen` gives several for one variable.
+    for equation, rises in reversed(when):
+        target, expression = _assignment(model, equation)
+        i = model.discrete_names.index(target)
+        values[i] = ca.if_else(rises, _with_new(model, expression, new), values[i])
+    unknowns = [new[i] for i in range(len(values))]
+    residuals = [unknown - value for unknown, value in zip(unknowns, values, strict=True)]
+    return _column(solve_blocks(residuals, unknowns, where=model.dae.name))
+
+
+def _with_new(model: ExplicitModel, expression: Expression, discrete: SX) -> SX:
+    """Fold an expression of a when-clause: discrete variables are new, pre(…) is old."""
+    value = ca.substitute(model.fold(expression), model.discrete, discrete)
+    return ca.substitute(value, model.previous, _before(model))
+
+
+def _assignment(model: ExplicitModel, equation: WhenEquation) -> tuple[str, Expression]:
+    match equation.residual:
+        case Operation(operator="subtract", operands=(Symbol(name=name), value)) if (
+            model.dae.variables[name].role is Role.DISCRETE
+        ):
+            return name, value
+        case _:
+            raise UnsupportedModelError(
+                f"{model.dae.name}: an equation in a when-clause is not of the form 'variable = …'",
+                remedy="solve it for its discrete variable in the model",
+            )

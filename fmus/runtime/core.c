@@ -1,0 +1,208 @@
+/* Values of an instance: start, change, evaluation. */
+
+#include "core.h"
+
+#include <stdarg.h>
+#include <stdio.h>
+
+static bool fail(Instance *m, const char *format, ...)
+{
+    va_list arguments;
+    va_start(arguments, format);
+    vsnprintf(m->message, sizeof m->message, format, arguments);
+    va_end(arguments);
+    return false;
+}
+
+static void evaluate_indicators(Instance *m, const Point *at, double *indicators)
+{
+    if (N_RELATIONS > 0)
+        CALL(model_indicators, indicators, AT(m, at));
+}
+
+/* Describe the situation at a trial time and state of the integrator. */
+static Point point_at(Instance *m, double time, const double *states)
+{
+    Point at = {.time = time, .states = states};
+    const double elapsed = time - m->now.values[TIME];
+    for (int i = 0; i < N_INPUTS; i++)
+        at.inputs[i] = m->now.values[INPUTS + i] + elapsed * m->now.slopes[i];
+    memcpy(at.relations, m->now.relations, sizeof at.relations);
+    history_lookup(m, &at);
+    if (m->live) {
+        /* Twice: a relation may depend on a variable that depends on another one. */
+        double indicators[ROOM(N_RELATIONS)];
+        for (int pass = 0; pass < 2; pass++) {
+            evaluate_indicators(m, &at, indicators);
+            relations_refresh(m, at.relations, indicators);
+        }
+    }
+    return at;
+}
+
+static Point point_now(Instance *m)
+{
+    return point_at(m, m->now.values[TIME], m->now.values + STATES);
+}
+
+static void evaluate_derivatives(Instance *m, double time, const double *x, double *derivatives)
+{
+    if (N_STATES > 0) {
+        const Point at = point_at(m, time, x);
+        CALL(model_derivatives, derivatives, AT(m, &at));
+    }
+}
+
+static void instance_reset(Instance *m)
+{
+    memset(m, 0, sizeof *m);
+    m->now.phase = CREATED;
+    m->now.tolerance = DEFAULT_TOLERANCE;
+    memcpy(m->now.values + PARAMETERS, model_start_values, sizeof model_start_values);
+}
+
+static bool is_settable(const Instance *m, size_t value_reference)
+{
+    if (value_reference < PARAMETERS || value_reference >= DERIVATIVES)
+        return false;
+    if (value_reference < INPUTS)
+        return model_is_tunable[value_reference - PARAMETERS];
+    /* States and discrete variables can be given start values, unless these are computed. */
+    if (value_reference >= STATES)
+        return m->now.phase == CREATED || m->now.phase == INITIALISING;
+    return true;
+}
+
+/* Note that the importer has set a value. */
+static void instance_changed(Instance *m)
+{
+    m->now.computed = false;
+    if (m->now.phase == CREATED || m->now.phase == INITIALISING)
+        m->now.started = false;
+}
+
+/* Solve A y = b of order n in place by elimination with row exchange; A is stored by columns. */
+static bool solve_linear(int n, double *A, double *b)
+{
+    for (int k = 0; k < n; k++) {
+        int pivot = k;
+        for (int i = k + 1; i < n; i++)
+            if (fabs(A[i + k * n]) > fabs(A[pivot + k * n]))
+                pivot = i;
+        if (!(fabs(A[pivot + k * n]) > DBL_MIN))
+            return false;
+        for (int j = k; j < n; j++) {
+            const double swap = A[k + j * n];
+            A[k + j * n] = A[pivot + j * n];
+            A[pivot + j * n] = swap;
+        }
+        const double swap = b[k];
+        b[k] = b[pivot];
+        b[pivot] = swap;
+        for (int i = k + 1; i < n; i++) {
+            const double factor = A[i + k * n] / A[k + k * n];
+            for (int j = k; j < n; j++)
+                A[i + j * n] -= factor * A[k + j * n];
+            b[i] -= factor * b[k];
+        }
+    }
+    for (int k = n - 1; k >= 0; k--) {
+        for (int j = k + 1; j < n; j++)
+            b[k] -= A[k + j * n] * b[j];
+        b[k] /= A[k + k * n];
+    }
+    return true;
+}
+
+/* Find the states that the initial equations leave open, by Newton's method. */
+static bool solve_initial_equations(Instance *m)
+{
+    double *x = m->now.values + STATES;
+    for (int iteration = 0; iteration < 50; iteration++) {
+        const Point at = point_now(m);
+        double residual[ROOM(N_INITIAL)], jacobian[ROOM(N_INITIAL * N_INITIAL)], change = 0;
+        {
+            const double *arguments[] = {AT(m, &at)};
+            double *results[] = {residual, jacobian};
+            model_initial(arguments, results, NULL, NULL, 0);
+        }
+        if (!solve_linear(N_INITIAL, jacobian, residual))
+            break;
+        for (int i = 0; i < N_INITIAL; i++) {
+            const int state = model_initial_states[i];
+            x[state] -= residual[i];
+            change = fmax(change, fabs(residual[i]) / (model_nominals[state] + fabs(x[state])));
+        }
+        if (change < 1e-13)
+            return true;
+        if (!isfinite(change))
+            break;
+    }
+    return fail(m, "the initial equations have no solution near the start values");
+}
+
+/* Compute states, relations and when-conditions from the start values, unless that is done. */
+static bool instance_initialise(Instance *m)
+{
+    State *s = &m->now;
+    if (s->started)
+        return true;
+    double *x = s->values + STATES;
+    double started[ROOM(N_STATES + N_DISCRETES)];
+    if (N_STATES + N_DISCRETES > 0) {
+        CALL(model_start, started, s->values + PARAMETERS, x);
+        memcpy(x, started, (N_STATES + N_DISCRETES) * sizeof(double));
+    }
+    history_reset(m);
+    double indicators[ROOM(N_RELATIONS)];
+    /* Relations and initial equations may depend on each other; a few passes settle them. */
+    for (int pass = 0; pass < 10; pass++) {
+        if (N_INITIAL > 0 && !solve_initial_equations(m))
+            return false;
+        const Point at = point_now(m);
+        double before[ROOM(N_RELATIONS)];
+        memcpy(before, s->relations, sizeof before);
+        evaluate_indicators(m, &at, indicators);
+        relations_refresh(m, s->relations, indicators);
+        if (memcmp(before, s->relations, sizeof before) == 0)
+            break;
+    }
+    const Point at = point_now(m);
+    if (N_TRIGGERS > 0)
+        CALL(model_triggers, s->triggers, AT(m, &at));
+    history_reset(m);
+    s->started = true;
+    s->computed = false;
+    return true;
+}
+
+/* Bring the computed values up to date. */
+static bool instance_compute(Instance *m)
+{
+    State *s = &m->now;
+    if ((s->phase == CREATED || s->phase == INITIALISING) && !instance_initialise(m))
+        return false;
+    if (s->computed)
+        return true;
+    const Point at = point_now(m);
+    if (N_STATES > 0)
+        CALL(model_derivatives, s->values + DERIVATIVES, AT(m, &at));
+    if (N_OTHERS > 0)
+        CALL(model_others, s->values + OTHERS, AT(m, &at));
+    s->computed = true;
+    return true;
+}
+
+/* Change of all computed values along `seed`, which is indexed like the values before them.
+ * Relations and what comes out of delays are held. */
+static void directional_derivative(Instance *m, const double *seed, double *change)
+{
+    const Point at = point_now(m);
+    if (N_STATES + N_OTHERS > 0)
+        CALL(model_directional, change, AT(m, &at), seed + STATES, seed + INPUTS,
+             seed + PARAMETERS);
+}
+
+#include "history.c"
+#include "events.c"
+#include "solver.c"

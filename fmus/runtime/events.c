@@ -1,0 +1,73 @@
+/* Relations, when-clauses and their iteration. */
+
+/* The indicator of a relation is positive where it holds. */
+static void relations_refresh(Instance *m, double *relations, const double *indicators)
+{
+    (void)m;
+    for (int i = 0; i < N_RELATIONS; i++)
+        relations[i] = model_is_strict[i] ? indicators[i] > 0 : indicators[i] >= 0;
+}
+
+/* Has any relation switched, at a trial of the integrator? */
+static bool relations_switched(Instance *m, double time, const double *states)
+{
+    if (N_RELATIONS == 0)
+        return false;
+    double indicators[ROOM(N_RELATIONS)];
+    const Point at = point_at(m, time, states);
+    evaluate_indicators(m, &at, indicators);
+    for (int i = 0; i < N_RELATIONS; i++) {
+        const bool holds = m->now.relations[i] > 0;
+        if (holds ? indicators[i] < -EVENT_WIDTH : indicators[i] > EVENT_WIDTH)
+            return true;
+    }
+    return false;
+}
+
+/* What importers watch for a change of sign. */
+static void event_indicators(Instance *m, double *indicators)
+{
+    const Point at = point_now(m);
+    evaluate_indicators(m, &at, indicators);
+    for (int i = 0; i < N_RELATIONS; i++)
+        indicators[i] += m->now.relations[i] > 0 ? EVENT_WIDTH : -EVENT_WIDTH;
+}
+
+/* Event iteration: update relations and fire when-clauses until nothing changes. */
+static bool events_update(Instance *m)
+{
+    State *s = &m->now;
+    double indicators[ROOM(N_RELATIONS)], relations[ROOM(N_RELATIONS)];
+    double triggers[ROOM(N_TRIGGERS)], fired[ROOM(N_TRIGGERS)];
+    double changed[ROOM(N_STATES + N_DISCRETES)];
+    s->computed = false;
+    history_pass_jumps(m);
+    for (int pass = 0; pass < 100; pass++) {
+        Point at = point_now(m);
+        evaluate_indicators(m, &at, indicators);
+        memcpy(relations, s->relations, sizeof relations);
+        relations_refresh(m, s->relations, indicators);
+        bool settled = memcmp(relations, s->relations, sizeof relations) == 0;
+        if (N_TRIGGERS > 0) {
+            bool any = false;
+            memcpy(at.relations, s->relations, sizeof at.relations);
+            CALL(model_triggers, triggers, AT(m, &at));
+            for (int i = 0; i < N_TRIGGERS; i++) {
+                fired[i] = triggers[i] > 0 && !(s->triggers[i] > 0);
+                any = any || fired[i] > 0;
+                s->triggers[i] = triggers[i];
+            }
+            if (any) {
+                CALL(model_actions, changed, AT(m, &at), fired);
+                memcpy(s->values + STATES, changed, (N_STATES + N_DISCRETES) * sizeof(double));
+                settled = false;
+            }
+        }
+        if (settled) {
+            history_record(m); /* an operand may have jumped */
+            return true;
+        }
+    }
+    return fail(m, "the events at time %.9g do not settle: one sets off the other for ever",
+                s->values[TIME]);
+}
