@@ -20,6 +20,8 @@ from identification.windows import Window
 
 NDArrayBool = NDArray[np.bool_]
 
+# Beyond this a window is on its way out, and squares of it overflow.
+_LARGEST = 1e100
 _PROJECTED = 1e-9  # share of a parameter's information that must survive projection
 
 
@@ -120,13 +122,16 @@ def linearise(
         )
         misfit = problem.outputs[window.begin : window.end] - response.outputs
         residuals.append(misfit)
-        jacobian = response.sensitivities / sd[:, None]
+        with np.errstate(over="ignore", invalid="ignore"):
+            jacobian = response.sensitivities / sd[:, None]
         if response.finite < len(window) or not np.all(np.isfinite(jacobian)):
             return _diverged(len(sd), ns)
         r = misfit / sd
         cost += float(np.sum(r * r))
         squares += np.sum(misfit**2, axis=0)
         samples += len(window)
+        if np.max(np.abs(jacobian), initial=0.0) > _LARGEST:
+            return _diverged(len(sd), ns)
         flat = jacobian.reshape(-1, nx + ns)
         gram, score = flat.T @ flat, flat.T @ r.ravel()
         weight, _ = _eliminate(gram, score, nx, 0.0)

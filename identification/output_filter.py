@@ -15,6 +15,7 @@ samples (first-order hold) or constant (zero-order hold).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -22,13 +23,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
-from scipy.signal import lfilter
+from scipy.signal import lfilter, welch
 
 from foundation.errors import InputError
 
 Array = NDArray[np.float64]
 
 _TINY = 1e-300
+_FEWEST_SAMPLES = 30  # τ in samples; (T/τ)²/12 is the error of straight lines
+_LEAST_WINDOWS = 20  # record in units of τ
+_ABOVE_FLOOR = 10.0  # a periodogram's scatter exceeds this rarely
 
 
 @dataclass(frozen=True)
@@ -136,3 +140,43 @@ def _recursion(drive: Array, pole: float) -> Array:
     """x[k] = pole·x[k-1] + drive[k]."""
     filtered: Any = lfilter([1.0], [1.0, -pole], drive, axis=0)
     return filtered
+
+
+def choose_tau(positions: Sequence[Array], sample_time: float) -> float:
+    """Choose one time constant for both sections from how fast the recorded motion is [s].
+
+    τ = 1/ω, where ω bounds nine tenths of the power of the slowest coordinate's acceleration. A
+    shorter τ lets in noise beyond the motion's band and, below some tens of samples, the straight
+    lines between samples no longer do; a longer one discards the band in which inertia shows, and
+    columns become alike.
+
+    Args:
+        positions: (n,) record of each coordinate.
+        sample_time: Step of the grid [s].
+
+    Example:
+        >>> t = np.arange(0, 20, 1e-3)
+        >>> tau = choose_tau([np.sin(10 * t)], 1e-3)
+        >>> bool(0.07 < tau < 0.13)
+        True
+    """
+    duration = len(positions[0]) * sample_time
+    longest = duration / _LEAST_WINDOWS
+    shortest = min(_FEWEST_SAMPLES * sample_time, longest)
+    bands = [_acceleration_band(values, sample_time) for values in positions]
+    slowest = min((band for band in bands if band > 0), default=1 / longest)
+    return float(np.clip(1 / slowest, shortest, longest))
+
+
+def _acceleration_band(position: Array, sample_time: float) -> float:
+    """Angular frequency [rad/s] below which 90 % of the acceleration's power lies; 0 at rest."""
+    segment = max(len(position) // 2, min(len(position), 16))
+    frequency, density = welch(position, 1 / sample_time, nperseg=segment, detrend="linear")
+    omega = 2 * np.pi * frequency
+    # Above half the band there is only sensor noise, which is flat.
+    floor = float(np.median(density[len(density) // 2 :]))
+    signal = np.where(density > _ABOVE_FLOOR * floor, density, 0.0)
+    power = np.cumsum(signal * omega**4)
+    if power[-1] <= 0:
+        return 0.0
+    return float(omega[np.searchsorted(power, 0.9 * power[-1])])

@@ -14,13 +14,16 @@ from identification.discovery.extension import ExtendedModel
 from identification.discovery.scan import Scored, scan
 from identification.experiment import Experiment
 from identification.gauss_newton import Fit
-from identification.prediction import WINDOW
+from identification.prediction import noise_estimate
+from identification.problem import Vector
 
 SHORTLIST = 8
 _TRIALS = 3
 # Candidates this close in evidence to the best are not told apart by this record [nats].
 _TIE = 3.0
 _AT_FLOOR = 1.1
+_CHANCE_GAIN = 3.0
+_NUMERICAL = 1e-4
 
 Progress = Callable[[str], None]
 
@@ -96,13 +99,15 @@ def diagnose(
     shortlist = [s for s in scanned.scored[:SHORTLIST] if s.gain > 0]
     progress(f"refitting the best {len(shortlist)} of {len(scanned.scored)}")
     refits, failed = refit_all(model, experiment, fit, shortlist)
-    floor = experiment.predict(fit.values, WINDOW, sd=fit.sd).floor
+    noise = noise_estimate(experiment.problem)
     checks: dict[str, Verdict] = {}
     chosen: Refit | None = None
-    for candidate in refits[:_TRIALS]:
+    # The best of n candidates gains this much by chance alone.
+    worth_trying = _CHANCE_GAIN + np.log(max(len(scanned.scored), 1))
+    for candidate in [r for r in refits if r.evidence > worth_trying][:_TRIALS]:
         progress(f"cross-validating {candidate.addition.label}")
         verdict = crossvalidate(
-            experiment, fit, candidate.experiment, candidate.fit, floor, tried=len(refits)
+            experiment, fit, candidate.experiment, candidate.fit, noise, tried=len(refits)
         )
         checks[candidate.addition.label] = verdict
         if verdict.accepted:
@@ -115,7 +120,7 @@ def diagnose(
     )
     ties = _ties(refits, chosen)
     return Diagnosis(
-        _outcome(chosen, ties, fit, floor, experiment), ranking, ties, chosen, checks,
+        _outcome(chosen, ties, fit, noise, experiment), ranking, ties, chosen, checks,
         {**scanned.skipped, **failed}, _next_experiment(ties),
     )
 
@@ -157,13 +162,14 @@ def _ties(refits: tuple[Refit, ...], chosen: Refit | None) -> tuple[tuple[str, .
 
 
 def _outcome(
-    chosen: Refit | None, ties: tuple[tuple[str, ...], ...], fit: Fit, floor: np.ndarray,
+    chosen: Refit | None, ties: tuple[tuple[str, ...], ...], fit: Fit, noise: Vector,
     experiment: Experiment,
 ) -> Outcome:
     if chosen is not None:
         return Outcome.UNDETERMINED if ties else Outcome.EFFECT
-    error = experiment.predict(fit.values, WINDOW, sd=fit.sd).rmse
-    if np.all(error <= _AT_FLOOR * floor):
+    # Below this the integration's own error and the recording's digits begin.
+    smallest = _NUMERICAL * np.std(experiment.problem.outputs, axis=0)
+    if np.all(fit.at.rms <= _AT_FLOOR * np.fmax(noise, smallest)):
         return Outcome.COMPLETE
     return Outcome.UNKNOWN_SHAPE
 

@@ -21,6 +21,10 @@ _WORKERS = 2
 # A parameter that cannot start at its neutral value (a bound, or a flat cost) starts from these
 # shares of its nominal value instead.
 _STARTS = (0.1, 0.5, 1.0)
+# A shape that ended at its bound was not found in the record: such a candidate has stretched into
+# another one (a Stribeck curve as wide as the whole speed range is dry friction), and stands back
+# behind any candidate with at least this share of its merit.
+_UNFOUND_SHAPE = 0.8
 
 
 @dataclass(frozen=True)
@@ -35,6 +39,9 @@ class Refit:
         evidence: ΔlogL against the model without it [nats], for as many independent samples as the
             residuals' memory leaves.
         explains: Share of the squared residual that it removes, 0 to 1.
+        merit: What candidates are ranked by: the evidence less half the logarithm of the number of
+            independent samples for each fitted parameter (Bayesian information criterion).
+        at_bound: Shape parameters that ended at a bound of their declared range.
     """
 
     addition: Addition
@@ -43,6 +50,8 @@ class Refit:
     fit: Fit
     evidence: float
     explains: float
+    merit: float
+    at_bound: tuple[str, ...]
 
 
 def refit_all(
@@ -51,7 +60,7 @@ def refit_all(
     """Refit each candidate of a shortlist.
 
     Returns:
-        The refits by falling evidence, and the candidates that failed with the reason.
+        The refits by falling merit, and the candidates that failed with the reason.
     """
     one = partial(_refit_or_reason, model, experiment, base)
     with ThreadPoolExecutor(_WORKERS) as pool:
@@ -60,7 +69,7 @@ def refit_all(
     failed = {
         s.addition.label: r for s, r in zip(shortlist, results, strict=True) if isinstance(r, str)
     }
-    return tuple(sorted(good, key=lambda r: -r.evidence)), failed
+    return tuple(sorted(good, key=lambda r: -r.merit)), failed
 
 
 def _refit_or_reason(
@@ -98,21 +107,33 @@ def refit(model: ExtendedModel, experiment: Experiment, base: Fit, scored: Score
         starts = [{k: share * v for k, v in nominal.items()} for share in _STARTS]
     fits = [_fit_from(larger, experiment, base, start) for start in starts]
     best = min(fits, key=lambda f: f.at.cost)
-    if not np.isfinite(best.at.cost):
-        # The predicted step may overshoot into instability: come from nearer the present model.
+    if log_evidence(base, best)[0] < 0:
+        # The predicted step overshot (an absent effect would have done better): come from nearer.
         smaller = [{k: 0.1 * v for k, v in start.items()} for start in starts]
         best = min(
             (_fit_from(larger, experiment, base, start) for start in smaller),
             key=lambda f: f.at.cost,
         )
+    effect = addition.effect
     fitted = {
         p: best.values[bigger.parameter_of(addition, p)]
-        for p in (*addition.effect.main_parameters, *addition.effect.shape_parameters)
+        for p in (*effect.main_parameters, *effect.shape_parameters)
     }
+    at_bound = tuple(p for p in effect.shape_parameters if _at_bound(bigger, addition, p, fitted[p]))
     evidence, explains = log_evidence(base, best)
+    price = 0.5 * len(fitted) * float(np.log(np.max(independent_samples(best.at.residuals))))
+    merit = (evidence - price) * (_UNFOUND_SHAPE if at_bound else 1.0)
     return Refit(
-        Addition(addition.effect, addition.place, fitted), bigger, larger, best, evidence, explains
+        Addition(effect, addition.place, fitted), bigger, larger, best, evidence, explains, merit,
+        at_bound,
     )
+
+
+def _at_bound(model: ExtendedModel, addition: Addition, parameter: str, value: float) -> bool:
+    variable = model.dae.variables[model.parameter_of(addition, parameter)]
+    low = model.dae.number(variable.minimum, -np.inf)
+    high = model.dae.number(variable.maximum, np.inf)
+    return not low + 1e-6 * abs(low) < value < high - 1e-6 * abs(high)
 
 
 def _fit_from(

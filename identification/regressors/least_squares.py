@@ -80,7 +80,9 @@ def solve(
     factors = [np.linalg.qr(np.column_stack([a, y]), "r") for a, y in zip(matrix, right, strict=True)]
     names = regression.parameters
     seen = _Seen(regression, start, np.any(matrix != 0, axis=(0, 1)))
-    weights = np.ones(m)
+    # Free of the equations' units from the first round on.
+    size = np.sqrt(np.mean(right**2, axis=1))
+    weights = 1 / np.where(size > 0, size, np.max(size) or 1.0)
     values = dict(start)
     fitted: list[str] = []
     sd = weights

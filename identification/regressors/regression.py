@@ -16,7 +16,12 @@ from numpy.typing import NDArray
 from fmus.dae import Dae
 from foundation.errors import UnknownNameError
 from identification.regressors.base_parameters import LinearForm, linear_form
-from identification.regressors.implicit_form import Coordinate, Reading, implicit_form
+from identification.regressors.implicit_form import (
+    Coordinate,
+    ImplicitForm,
+    Reading,
+    implicit_form,
+)
 from identification.regressors.split import ZERO, Split, split
 from identification.regressors.sympy_fold import Sym
 
@@ -94,6 +99,25 @@ class Regression:
 
     def is_affine(self, names: Collection[str]) -> bool:
         """Tell whether the lumps are linear (plus a constant) in these parameters."""
+        return not any(pair <= set(names) for pair in self._curved)
+
+    @cached_property
+    def _curved(self) -> set[frozenset[str]]:
+        """Parameters a, b with ∂²lump/∂a∂b ≠ 0 (a alone where the square bends)."""
+        found: set[frozenset[str]] = set()
+        for lump in (column.lump for column in self.columns if not column.lump.is_Symbol):
+            for a in lump.free_symbols:
+                slope = sp.diff(lump, a)
+                found |= {frozenset((a.name, b.name)) for b in slope.free_symbols}
+        return found
+
+    @cached_property
+    def terms(self) -> tuple[Split, ...]:
+        """All terms: of the columns, one after another, then of the right-hand side."""
+        return tuple(term for column in self.columns for term in column.terms) + self.known
+
+    def is_affine(self, names: Collection[str]) -> bool:
+        """Tell whether the lumps are linear (plus a constant) in these parameters."""
         symbols = [sp.Symbol(name, real=True) for name in names]
         return all(
             not sp.diff(column.lump, s).free_symbols & set(symbols)
@@ -125,7 +149,12 @@ class Regression:
 
 
 def derive(
-    dae: Dae, *, free: Sequence[str], values: Mapping[str, float], measured: Collection[str]
+    dae: Dae,
+    *,
+    free: Sequence[str],
+    values: Mapping[str, float],
+    measured: Collection[str],
+    use_rates: bool = True,
 ) -> Regression:
     """Derive the regression of a model; remembered for the last models asked for.
 
@@ -135,6 +164,8 @@ def derive(
         values: Numbers of the other parameters and of shape parameters, SI units; a parameter
             without a number here has its declared value.
         measured: Recorded variables among the model's outputs.
+        use_rates: Where a rate is recorded, an acceleration is its derivative; else it is the
+            second derivative of the position, as in the paper.
 
     Raises:
         UnsupportedModelError: The model has no such regression; the message says what stands in
@@ -153,12 +184,13 @@ def derive(
         351507*vir/10000
     """
     # The flat model holds dictionaries, so it is told by identity and kept alive beside the result.
-    key = (id(dae), tuple(free), tuple(sorted(values.items())), tuple(sorted(measured)))
+    numbers = tuple(sorted(values.items()))
+    key = (id(dae), tuple(free), numbers, tuple(sorted(measured)), use_rates)
     with _lock:
         if key in _remembered:
             _remembered.move_to_end(key)
             return _remembered[key][1]
-    regression = _derive(dae, tuple(free), values, measured)
+    regression = _derive(dae, tuple(free), values, measured, use_rates)
     with _lock:
         _remembered[key] = (dae, regression)
         while len(_remembered) > _REMEMBERED:
@@ -171,7 +203,11 @@ _lock = Lock()
 
 
 def _derive(
-    dae: Dae, free: tuple[str, ...], values: Mapping[str, float], measured: Collection[str]
+    dae: Dae,
+    free: tuple[str, ...],
+    values: Mapping[str, float],
+    measured: Collection[str],
+    use_rates: bool,
 ) -> Regression:
     independent = [v.name for v in dae.parameters if v.name not in dae.dependent_parameters]
     for name in free:
@@ -181,7 +217,7 @@ def _derive(
     form = implicit_form(dae, free=free, values=numbers, measured=measured)
     controls = (*form.inputs, form.time)
     linear = linear_form(form.equations, form.free, numbers, controls)
-    columns, known = _split_all(linear, form.coordinates, form.time)
+    columns, known = _split_all(linear, form, use_rates)
     present = {s for equation in form.equations for s in equation.free_symbols}
     return Regression(
         coordinates=form.coordinates,
@@ -198,7 +234,7 @@ def _derive(
 
 
 def _split_all(
-    linear: LinearForm, coordinates: tuple[Coordinate, ...], time: Sym
+    linear: LinearForm, form: ImplicitForm, use_rates: bool
 ) -> tuple[tuple[Column, ...], tuple[Split, ...]]:
     """Split all terms, leaving out equations without an unknown."""
     used = [
@@ -206,11 +242,12 @@ def _split_all(
         for i in range(len(linear.known))
         if any(lump.column[i] != 0 for lump in linear.lumps)
     ]
+    recorded = form.readings if use_rates else ()
     done: dict[Sym, Split] = {sp.S.Zero: ZERO}
 
     def once(term: Sym) -> Split:
         if term not in done:
-            done[term] = split(term, coordinates, time)
+            done[term] = split(term, form.coordinates, form.time, recorded)
         return done[term]
 
     columns = tuple(

@@ -90,8 +90,10 @@ def filtered_rows(
 ) -> Rows:
     """Form every term as operator(φ2, 2) + operator(φ1, 1) + operator(φ0, 0).
 
-    States are straight lines between samples and inputs are held: φ0 is taken just after each
-    sample and, with the input still held, just before the next.
+    States are straight lines between samples and inputs are held: a term is taken just after each
+    sample and, with the input still held, just before the next. A rate that is not recorded is
+    held too, at the slope of its coordinate over the interval: that is its mean there exactly,
+    whereas a central difference is wrong wherever the input jumps.
 
     Raises:
         DivergenceError: A term is not finite on this record.
@@ -100,9 +102,15 @@ def filtered_rows(
     present = {(2 - k, phi) for part in parts for k, phi in enumerate(part) if phi != 0}
     wanted = sorted(present, key=str)
     known = signals(regression, problem)
+    held = set(regression.inputs)
+    for coordinate in regression.coordinates:
+        if coordinate.rate.name in regression.differenced:
+            slope = np.diff(known[coordinate.position]) / problem.sample_time
+            known[coordinate.rate] = np.append(slope, slope[-1])
+            held.add(coordinate.rate)
     after = evaluate([phi for _, phi in wanted], known)
     # Left limits at the next sample; the last one is never used.
-    ahead = {s: np.append(v[1:], v[-1]) for s, v in known.items() if s not in regression.inputs}
+    ahead = {s: np.append(v[1:], v[-1]) for s, v in known.items() if s not in held}
     before = evaluate([phi for _, phi in wanted], {**known, **ahead})
     made: dict[tuple[int, Sym], Array] = {}
     sizes: dict[tuple[int, Sym], float] = {}
