@@ -18,7 +18,7 @@ from __future__ import annotations
 import math
 import tomllib
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, cast
 
@@ -32,14 +32,27 @@ class ChannelSource:
     """Where a variable's values are found, and what is known of their sensor.
 
     Attributes:
-        source: Column or signal.
+        source: Column or signal; None: it has the variable's own name.
         unit: Unit of the source's numbers; None: what the file says, else the model's unit.
         sensor: In the SI unit of the model's variable.
     """
 
-    source: str
+    source: str | None = None
     unit: str | None = None
     sensor: Sensor = field(default_factory=Sensor)
+
+    def updated(self, other: ChannelSource) -> ChannelSource:
+        """Return this with what `other` says in place of it."""
+        mine, new = self.sensor, other.sensor
+        return ChannelSource(
+            other.source if other.source is not None else self.source,
+            other.unit if other.unit is not None else self.unit,
+            Sensor(
+                new.sd if new.sd is not None else mine.sd,
+                new.resolution if new.resolution is not None else mine.resolution,
+                new.delay or mine.delay,
+            ),
+        )
 
 
 @dataclass(frozen=True)
@@ -72,9 +85,12 @@ class ChannelMap:
     origin: str = "no channel map"
 
     def updated(self, other: ChannelMap) -> ChannelMap:
-        """Return this map with the entries of `other` added; those of `other` win."""
+        """Return this map with what `other` says added to it, or in place of it."""
+        channels = dict(self.channels)
+        for name, source in other.channels.items():
+            channels[name] = channels.get(name, ChannelSource()).updated(source)
         time = self.time if other.time == TimeSource() else other.time
-        return replace(other, channels={**self.channels, **other.channels}, time=time)
+        return ChannelMap(channels, time, other.origin)
 
 
 def read_map(path: Path) -> ChannelMap:
@@ -131,7 +147,7 @@ def _channel(name: str, entry: Mapping[str, Any], origin: str) -> ChannelSource:
     where = f"{origin}, [channels.{name}]"
     _check_keys(entry, ("source", "unit", "sd", "resolution", "delay"), "key", where)
     return ChannelSource(
-        source=_text(entry, "source", where) or name,
+        source=_text(entry, "source", where),
         unit=_text(entry, "unit", where),
         sensor=Sensor(
             sd=_number(entry, "sd", where),

@@ -60,15 +60,16 @@ def load(
     if variables is not None:
         _check_map_names(given, variables)
     path = Path(data)
-    mapping, origin, notes = given, str(path), ()
+    mapping, origin = given, str(path)
     if not path.is_file():
         data_set = _data_set(data)
         files = datasets.fetch(data_set.name)
         path, dbc = files.data, dbc or files.dbc
         own = parse_map(data_set.map_text, origin=f"channel map of {data_set.name}")
-        mapping, notes = _of_model(own, variables).updated(given), ()
+        mapping = _of_model(own, variables).updated(given)
         origin = f"{data_set.name} ({data_set.repository}@{data_set.commit[:7]}, {data_set.path})"
     reader = reader_for(path)
+    notes: tuple[str, ...] = ()
     if dbc is not None and not isinstance(reader, CanReader):
         notes = (f"the DBC {dbc.name} is not used: {path.name} is no CAN log",)
     table = reader.read(path, dbc=dbc)
@@ -84,7 +85,8 @@ def _assemble(
 ) -> Recording:
     wanted = _wanted(table, mapping, variables)
     names = list(wanted)
-    signals = table.signals([wanted[name].source for name in names])
+    sources = [wanted[name].source or name for name in names]
+    signals = table.signals(sources)
     if signals[0].time is None:
         aligned = _rows(table, signals, mapping.time)
     else:
@@ -93,7 +95,7 @@ def _assemble(
     for name, signal, values in zip(names, signals, aligned.values, strict=True):
         unit = None if variables is None else variables[name]
         channels[name] = _channel(name, signal, values, wanted[name], unit, table.origin)
-    used = {source.source for source in wanted.values()} | {mapping.time.source}
+    used = {*sources, mapping.time.source}
     heard = list(dict.fromkeys(note for signal in signals for note in signal.notes))
     return Recording(
         aligned.time,
@@ -117,9 +119,9 @@ def _wanted(
     if variables is not None:
         by_name = [n for n in by_name if n in variables]
     else:
-        mapped = {source.source for source in mapping.channels.values()}
+        mapped = {source.source or name for name, source in mapping.channels.items()}
         by_name = [n for n in by_name if n not in mapped]
-    wanted = {n: ChannelSource(n) for n in by_name} | dict(mapping.channels)
+    wanted = {n: ChannelSource() for n in by_name} | dict(mapping.channels)
     if not wanted:
         model = listing(variables) if variables else "none"
         raise ChannelError(

@@ -229,7 +229,7 @@ class CanTable(RawTable):
             )
         if len(rows) < 2:
             raise ChannelError(
-                f"signal '{name}' has fewer than two values",
+                "; ".join([f"signal '{name}' has fewer than two values", *notes]),
                 where=self.origin,
                 remedy="leave it out, or record for longer",
             )

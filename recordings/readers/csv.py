@@ -49,12 +49,9 @@ class CsvReader(Reader):
                     skiprows=1,
                     index_col=False,
                     skip_blank_lines=False,
+                    skipinitialspace=True,
                     low_memory=False,
                 )
-            except pd.errors.EmptyDataError as error:
-                raise FormatError(
-                    "there is a header but no row", where=str(path), remedy="record it again"
-                ) from error
             except (pd.errors.ParserError, pd.errors.ParserWarning) as error:
                 reason = str(error).split("C error: ")[-1].strip().rstrip(".")
                 raise FormatError(
@@ -62,6 +59,10 @@ class CsvReader(Reader):
                     where=str(path),
                     remedy="repair that line, or record it again if the file was cut",
                 ) from error
+        if frame.empty:
+            raise FormatError(
+                "there is a header but no row", where=str(path), remedy="record it again"
+            )
         columns = {name: frame.iloc[:, k] for k, name in enumerate(header) if name}
         return _CsvTable(columns, str(path))
 
@@ -101,7 +102,7 @@ class _CsvTable(RawTable):
 
 def _header(line: str, path: Path) -> tuple[list[str], str]:
     separator = max(",;\t", key=line.count)
-    header = [cell.strip() for cell in next(csv.reader([line], delimiter=separator))]
+    header = [cell.strip() for cell in _cells(line, separator)]
     if all(_is_number(cell) for cell in header if cell):
         raise FormatError(
             "the first line has numbers, not the columns' names",
@@ -116,6 +117,10 @@ def _header(line: str, path: Path) -> tuple[list[str], str]:
                 remedy="rename or remove one",
             )
     return header, separator
+
+
+def _cells(line: str, separator: str) -> list[str]:
+    return next(csv.reader([line], delimiter=separator, skipinitialspace=True))
 
 
 def _is_number(cell: str) -> bool:

@@ -1,8 +1,9 @@
-"""MATLAB files up to version 7: every real vector is a column, fields of structs with dots."""
+"""MATLAB files of versions 5 to 7: every real vector is a column, fields of structs with dots."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -12,25 +13,28 @@ from numpy.typing import NDArray
 
 from foundation.errors import FormatError
 from recordings.names import listing
+from recordings.readers import mat5
 from recordings.readers.base import ColumnTable, RawTable, Reader
 
 
 class MatReader(Reader):
-    """MATLAB versions 4 to 7 (`save -v7`)."""
+    """MATLAB versions 5 to 7 (`save -v7`)."""
 
     suffixes = (".mat",)
 
     def read(self, path: Path, *, dbc: Path | None = None) -> RawTable:
         """Read the file; see `Reader.read`."""
         del dbc
-        try:
-            content = scipy.io.loadmat(path, simplify_cells=True)
-        except NotImplementedError as error:
+        file = path.read_bytes()
+        if file[:10] == b"MATLAB 7.3":
             raise FormatError(
                 "a MATLAB 7.3 file",
                 where=str(path),
                 remedy="save it again with save('name.mat', '-v7')",
-            ) from error
+            )
+        try:
+            mat5.check(file)
+            content = scipy.io.loadmat(BytesIO(file), simplify_cells=True)
         except Exception as error:  # SciPy's parser raises nearly anything on a damaged file
             raise FormatError(
                 f"not a whole MATLAB file: {error}",

@@ -1,0 +1,292 @@
+"""CAN logs: what their frames, stamps and DBC files can hold, right and wrong."""
+
+import time
+
+import can
+import cantools
+import numpy as np
+import pytest
+
+from foundation.errors import ChannelError, FormatError, RecordingError, TimeError
+from recordings import load
+
+DBC = """VERSION ""
+BU_: X
+BO_ 256 Fast: 8 X
+ SG_ angle : 0|16@1- (0.01,0) [0|0] "deg" X
+ SG_ level : 32|32@1- (1,0) [0|0] "" X
+BO_ 257 Slow: 2 X
+ SG_ volt : 0|16@1- (0.001,0) [0|0] "V" X
+ SG_ status : 8|4@1+ (1,0) [0|0] "" X
+BO_ 2147484160 Mixed: 3 X
+ SG_ page M : 0|8@1+ (1,0) [0|0] "" X
+ SG_ temperature m1 : 8|16@1- (0.5,-40) [0|0] "degC" X
+ SG_ current m2 : 15|16@0- (0.1,0) [0|0] "A" X
+BO_ 300 Silent: 2 X
+ SG_ pressure : 0|16@1+ (1,0) [0|0] "kPa" X
+ SG_ status : 0|4@1+ (1,0) [0|0] "" X
+BO_ 301 Other: 1 X
+ SG_ status : 0|4@1+ (1,0) [0|0] "" X
+SIG_VALTYPE_ 256 level : 1;
+"""
+
+
+@pytest.fixture
+def bus(tmp_path):
+    """Writes frames `(time, id, payload as hex)` as a log with its DBC; returns a loader."""
+    dbc = tmp_path / "bus.dbc"
+    dbc.write_text(DBC)
+
+    def write(*lines, suffix=".log", **options):
+        path = tmp_path / f"run{suffix}"
+        rows = [x if isinstance(x, str) else f"({x[0]:.6f}) can0 {x[1]}#{x[2]}" for x in lines]
+        path.write_text("\n".join(rows) + "\n")
+        return load(path, dbc=dbc, **options)
+
+    return write
+
+
+def fast(t, angle=0, level=0.0):
+    return (t, "100", np.int16(angle).tobytes().hex() + "0000" + np.float32(level).tobytes().hex())
+
+
+def slow(t, volt=0):
+    return (t, "101", np.int16(volt).tobytes().hex())
+
+
+def test_values_units_resolution_and_time(bus):
+    run = bus(
+        fast(1600000000.25, -100, 1.5), fast(1600000000.75, 200, -2.5), variables={"angle": "rad"}
+    )
+    assert run.time.tolist() == [0.0, 0.5]
+    np.testing.assert_allclose(run["angle"].values, np.deg2rad([-1, 2]), rtol=1e-15)
+    assert run["angle"].unit == "rad"
+    assert run["angle"].sensor.resolution == pytest.approx(np.deg2rad(0.01), rel=1e-12)
+    assert "stamped 1600000000.250000 s" in run.notes[0]
+    assert "ignored, not of the model: level" in run.notes
+
+
+def test_floats_have_no_resolution(bus):
+    run = bus(fast(0, 0, 1.5), fast(1, 0, -2.5))
+    assert run["level"].values.tolist() == [1.5, -2.5]
+    assert run["level"].sensor.resolution is None
+
+
+def test_messages_are_put_on_the_time_of_the_fastest(bus):
+    frames = [fast(k * 0.01, k) for k in range(11)] + [slow(0.015 + k * 0.04, k) for k in range(3)]
+    frames.sort()
+    run = bus(*frames, variables={"volt": "V", "angle": "deg"})
+    np.testing.assert_allclose(run.time, np.arange(2, 10) * 0.01)
+    np.testing.assert_allclose(run["angle"].values, np.arange(2, 10) * 0.01)
+    np.testing.assert_allclose(run["volt"].values, (run.time - 0.015) / 40)
+    assert "interpolated to the times of 'angle': volt" in run.notes
+
+
+def test_shared_stamps_are_kept_to_the_last_bit(bus):
+    frames = [f(k / 1000, k) for k in range(20) for f in (fast, slow)]
+    run = bus(*frames, variables={"volt": "V", "angle": "deg"})
+    assert run.time.tolist() == [k / 1000 for k in range(20)]
+    assert not any("interpolated" in note for note in run.notes)
+
+
+def test_a_gap_that_is_bridged_is_said(bus):
+    volts = [0.0, 0.1, 0.2, 0.3, 1.3, 1.4]
+    frames = sorted([fast(k * 0.01) for k in range(150)] + [slow(t) for t in volts])
+    run = bus(*frames, variables={"volt": "V", "angle": "deg"})
+    assert any("'volt' has 1 gaps" in n and "1 s at 0.3 s" in n for n in run.notes)
+
+
+def test_signals_that_never_overlap(bus):
+    with pytest.raises(TimeError, match=r"'volt' starts at 5 s, 'angle' ends at 1 s.*leave one"):
+        bus(fast(0), fast(1), slow(5), slow(6), variables={"volt": "V", "angle": "deg"})
+
+
+def test_multiplexed_signals_have_the_frames_of_their_page(bus):
+    frames = [
+        (0.1 * k, "00000200", f"{1 + k % 2:02x}{'0a00' if k % 2 == 0 else '000a'}")
+        for k in range(8)
+    ]
+    both = bus(*frames)
+    assert set(both["temperature"].values) == {-35.0}
+    assert set(both["current"].values) == {1.0}
+    one = bus(*frames, variables={"current": "mA"})
+    np.testing.assert_allclose(one.time, [0.1, 0.3, 0.5, 0.7])
+    np.testing.assert_allclose(one["current"].values, 1000.0)
+
+
+def test_other_frames_are_counted(bus):
+    run = bus(
+        fast(0),
+        "(0.1) can0 20000080#0000000000000000",
+        "(0.2) can0 100#R8",
+        "(0.3) can0 7FF#",
+        "(0.3) can0 00000100#00",
+        fast(0.5),
+        variables={"angle": "deg"},
+    )
+    text = "; ".join(run.notes)
+    assert "2 of 4 frames are of messages that the DBC does not describe" in text
+    assert "1 error frames left out" in text
+    assert "1 remote frames left out" in text
+
+
+def test_short_frames_and_repeated_stamps_are_said(bus):
+    run = bus(
+        fast(0, 1), (0.1, "100", "05"), fast(0.2, 2), fast(0.2, 3), variables={"angle": "deg"}
+    )
+    assert run.time.tolist() == [0.0, 0.2]
+    assert run["angle"].values.tolist() == [0.01, 0.03]
+    text = "; ".join(run.notes)
+    assert "1 frames of Fast are too short for 'angle'" in text
+    assert "1 frames of Fast have the time stamp of the next" in text
+
+
+@pytest.mark.parametrize(
+    ("lines", "error", "fragments"),
+    [
+        (["hello"], FormatError, ["line 1", "'hello'", "candump -L"]),
+        ([fast(0), "(1.0) can0 100#0A0", fast(2)], FormatError, ["line 2", "remove the line"]),
+        (["  can0  100   [2]  00 00"], FormatError, ["line 1", "candump -L"]),
+        ([""], FormatError, ["no frame", "record it again"]),
+        (["(0.2) can0 100#R8"], FormatError, ["no frame"]),
+        ([(0, "7A0", "00")], FormatError, ["bus.dbc", "has 0x7A0;", "has 0x100, 0x101, 0x12C"]),
+        ([fast(1), fast(0.5)], TimeError, ["goes back", "-0.5 s follows 0 s", "Fast", "frame 2"]),
+        ([fast(0)], ChannelError, ["'angle' has fewer than two values"]),
+        (
+            [fast(0), "(0.1) can1 100#0000000000000000"],
+            ChannelError,
+            ["message Fast arrives on several buses (0, 1)"],
+        ),
+    ],
+)
+def test_bad_logs_name_place_and_remedy(bus, lines, error, fragments):
+    with pytest.raises(error) as caught:
+        bus(*lines, variables={"angle": "deg"})
+    message = str(caught.value)
+    assert "run.log" in message
+    assert caught.value.remedy
+    for fragment in fragments:
+        assert fragment in message
+
+
+def test_a_cut_last_line_says_that_the_log_was_cut(tmp_path):
+    path, dbc = tmp_path / "a.log", tmp_path / "b.dbc"
+    dbc.write_text(DBC)
+    path.write_text("(0.0) can0 100#0000\n(0.1) can0 1")
+    with pytest.raises(FormatError, match=r"line 2\); the log was cut: remove its last line"):
+        load(path, dbc=dbc)
+
+
+def test_wanted_signals_that_are_not_there(bus, tmp_path):
+    mapping = tmp_path / "map.toml"
+    options = {"variables": {"p": "kPa"}, "channel_map": mapping}
+    mapping.write_text('[channels.p]\nsource = "angel"')
+    with pytest.raises(ChannelError, match=r"no signal 'angel' .*did you mean angle"):
+        bus(fast(0), fast(1), **options)
+    mapping.write_text('[channels.p]\nsource = "pressure"')
+    with pytest.raises(
+        ChannelError, match=r"in the DBC, but no frame of its message Silent \(0x12C\)"
+    ):
+        bus(fast(0), fast(1), **options)
+    with pytest.raises(ChannelError, match=r"named as a variable of the model \(V\).*--map.*angle"):
+        bus(fast(0), fast(1), variables={"V": "V"})
+
+
+def test_a_name_in_several_messages_needs_the_longer_one(bus, tmp_path):
+    mapping = tmp_path / "map.toml"
+    frames = [(0, "101", "0003"), (0, "12D", "05"), (1, "101", "0003"), (1, "12D", "05")]
+    mapping.write_text('[channels.s]\nsource = "status"')
+    with pytest.raises(ChannelError, match=r"write source as Slow\.status or Other\.status"):
+        bus(*frames, variables={"s": ""}, channel_map=mapping)
+    mapping.write_text('[channels.s]\nsource = "Other.status"')
+    assert bus(*frames, variables={"s": ""}, channel_map=mapping)["s"].values.tolist() == [5, 5]
+    assert sorted(bus(*frames).channels) == ["Other.status", "Slow.status", "volt"]
+
+
+def test_dbc_problems(tmp_path):
+    log, dbc = tmp_path / "run.log", tmp_path / "bus.dbc"
+    log.write_text("(0.0) can0 100#0000\n(0.1) can0 100#0000\n")
+    with pytest.raises(FormatError, match=r"needs a DBC file .*--dbc"):
+        load(log)
+    with pytest.raises(RecordingError, match=r"cannot be read: No such file .*bus\.dbc.*--dbc"):
+        load(log, dbc=dbc)
+    dbc.write_text('VERSION ""\nBU_: X\nBO_ 256 Fast 8 X\n')
+    with pytest.raises(FormatError, match=r"not a DBC file: .*line 3.*repair"):
+        load(log, dbc=dbc)
+    dbc.write_text('VERSION ""\nBU_: X\n')
+    with pytest.raises(FormatError, match=r"describes no message"):
+        load(log, dbc=dbc)
+
+
+def test_a_dbc_for_a_table_is_not_used_and_said(tmp_path):
+    path = tmp_path / "run.csv"
+    path.write_text("time,q\n0,1\n1,2\n")
+    assert load(path, dbc=tmp_path / "bus.dbc").notes == (
+        "the DBC bus.dbc is not used: run.csv is no CAN log",
+    )
+
+
+def blf_frames(path, n=3):
+    with can.BLFWriter(path) as log:
+        for k in range(n):
+            log(
+                can.Message(
+                    timestamp=k + 0.5e-9, arbitration_id=256, is_extended_id=False, data=bytes(8)
+                )
+            )
+        log(can.Message(timestamp=n, is_error_frame=True))
+        log(
+            can.Message(timestamp=n, arbitration_id=256, is_extended_id=False, is_remote_frame=True)
+        )
+        fd = bytes([2, 0, 0, 10]) + bytes(60)
+        log(can.Message(timestamp=n, arbitration_id=512, data=fd, is_fd=True))
+
+
+def test_blf_counts_errors_and_remotes_and_reads_fd(tmp_path):
+    path, dbc = tmp_path / "run.blf", tmp_path / "bus.dbc"
+    dbc.write_text(DBC)
+    blf_frames(path)
+    run = load(path, dbc=dbc, variables={"angle": "deg"})
+    assert run.time.tolist() == [0, 1, 2]
+    assert {"1 error frames left out", "1 remote frames left out"} <= set(run.notes)
+
+
+@pytest.mark.parametrize("keep", [0.3, 0.6, 0.99])
+def test_a_cut_blf_says_where(tmp_path, keep):
+    path, dbc = tmp_path / "run.blf", tmp_path / "bus.dbc"
+    dbc.write_text(DBC)
+    blf_frames(path, n=2000)
+    content = path.read_bytes()
+    path.write_bytes(content[: int(keep * len(content))])
+    with pytest.raises(
+        FormatError, match=r"the BLF file is cut \(.*byte 144 of \d+\); copy it again"
+    ):
+        load(path, dbc=dbc)
+    path.write_bytes(content[:144])
+    with pytest.raises(FormatError, match=r"no frame"):
+        load(path, dbc=dbc)
+    path.write_bytes(content[:144] + b"JUNK" * 50)
+    with pytest.raises(FormatError, match=r"no object where one is due .*byte 144"):
+        load(path, dbc=dbc)
+    path.write_bytes(b"time,q\n")
+    with pytest.raises(FormatError, match=r"not a BLF file"):
+        load(path, dbc=dbc)
+
+
+def test_sixty_thousand_frames_agree_with_cantools_in_less_than_a_second(tmp_path):
+    rng = np.random.default_rng(0)
+    path, dbc = tmp_path / "run.log", tmp_path / "bus.dbc"
+    dbc.write_text(DBC)
+    payloads = rng.integers(0, 256, (60_000, 8), np.uint8)
+    payloads[:, 4:] = rng.normal(size=60_000).astype("<f4").view(np.uint8).reshape(-1, 4)
+    path.write_text(
+        "".join(f"({k / 1000:.6f}) can0 100#{p.tobytes().hex()}\n" for k, p in enumerate(payloads))
+    )
+    start = time.perf_counter()
+    run = load(path, dbc=dbc)
+    assert time.perf_counter() - start < 1.5  # 0.2 s on an idle core
+    message = cantools.database.load_string(DBC, strict=False).get_message_by_name("Fast")
+    for k in range(0, 60_000, 1000):
+        expected = message.decode(payloads[k].tobytes())
+        assert run["angle"].values[k] == pytest.approx(expected["angle"], rel=1e-14)
+        assert run["level"].values[k] == expected["level"]
