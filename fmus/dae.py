@@ -123,6 +123,7 @@ class Connector:
         potential_unit, flow_unit: Their units.
         connected: A `connect` equation of the model names it.
         top_level: Declared in the model itself, not in a component of it.
+        description: Description string of the component that it belongs to.
     """
 
     path: str
@@ -132,6 +133,7 @@ class Connector:
     flow_unit: str
     connected: bool
     top_level: bool
+    description: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,7 +209,7 @@ class Dae:
         found: dict[str, str] = {}
         for state in self.states:
             start = state.start
-            # A wrapper hands its own parameter down: follow `plant.q_start = q_start` to its source.
+            # A wrapper hands its own parameter down: follow `plant.q_start = q_start`.
             while isinstance(start, Symbol):
                 found[start.name] = state.name
                 start = self.variables[start.name].binding

@@ -54,18 +54,19 @@ def fmi2_description(model: ExplicitModel, layout: Layout, sources: Sequence[str
     dae = model.dae
     root = ET.Element(
         "fmiModelDescription",
-        fmiVersion="2.0",
-        modelName=dae.name,
-        guid=GUID_MARK,
-        **_optional(description=dae.description),
-        generationTool="twinproof",
-        variableNamingConvention="structured",
-        numberOfEventIndicators=str(len(dae.relations)),
+        {
+            "fmiVersion": "2.0",
+            "modelName": dae.name,
+            "guid": GUID_MARK,
+            **_optional(description=dae.description),
+            "generationTool": "twinproof",
+            "variableNamingConvention": "structured",
+            "numberOfEventIndicators": str(len(dae.relations)),
+        },
     )
     for kind, further in (("ModelExchange", {}), ("CoSimulation", _CO_SIMULATION)):
-        element = ET.SubElement(
-            root, kind, modelIdentifier=model_identifier(dae.name), **further, **_ABILITIES
-        )
+        identifier = {"modelIdentifier": model_identifier(dae.name)}
+        element = ET.SubElement(root, kind, identifier | further | _ABILITIES)
         files = ET.SubElement(element, "SourceFiles")
         for name in sources:
             ET.SubElement(files, "File", name=name)
@@ -141,12 +142,14 @@ def _add_variable(
     scalar = ET.SubElement(
         parent,
         "ScalarVariable",
-        name=variable.name,
-        valueReference=str(variable.reference),
-        **_optional(description=variable.description),
-        causality=variable.causality,
-        variability=variable.variability,
-        **_optional(initial=variable.initial),
+        {
+            "name": variable.name,
+            "valueReference": str(variable.reference),
+            **_optional(description=variable.description),
+            "causality": variable.causality,
+            "variability": variable.variability,
+            **_optional(initial=variable.initial),
+        },
     )
     attributes: dict[str, str] = {}
     if variable.type is ScalarType.REAL:

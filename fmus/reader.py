@@ -217,9 +217,19 @@ class Reader:
                         flow_unit=_string(flows[0]["unit"]),
                         connected=bool(flows[0]["connected"]),
                         top_level=path in self._flat["top_level_connectors"],
+                        description=self._component_description(path.partition(".")[0]),
                     )
                 )
         return found
+
+    def _component_description(self, component: str) -> str:
+        """Return what is written behind the declaration of a component, the model's text first."""
+        declaration = re.compile(
+            rf'\b[A-Z][\w.]*\s+{component}\s*(?:\([^;"]*\)\s*)?"((?:[^"\\]|\\.)*)"'
+        )
+        texts = sorted(self._files.values(), key=lambda file: file[0] != self._file_name)
+        found = (declaration.search(text) for _, text in texts)
+        return next((match[1] for match in found if match), "")
 
     # Equations and events
 
