@@ -161,18 +161,26 @@ def _worst(
         first, last = peak, peak
         while first > 0 and not taken[first - 1] and energy[first - 1] > 0.5 * energy[peak]:
             first -= 1
-        while last + 1 < len(energy) and not taken[last + 1] and (
-            energy[last + 1] > 0.5 * energy[peak]
+        while (
+            last + 1 < len(energy)
+            and not taken[last + 1]
+            and (energy[last + 1] > 0.5 * energy[peak])
         ):
             last += 1
         taken[first : last + 1] = True
-        failures.append(_failure(problem, prediction, states, scaled, edges[first], edges[last + 1]))
+        failures.append(
+            _failure(problem, prediction, states, scaled, edges[first], edges[last + 1])
+        )
     return tuple(failures)
 
 
 def _failure(
-    problem: Problem, prediction: Prediction, states: Mapping[str, Vector], scaled: Matrix,
-    begin: int, end: int,
+    problem: Problem,
+    prediction: Prediction,
+    states: Mapping[str, Vector],
+    scaled: Matrix,
+    begin: int,
+    end: int,
 ) -> Failure:
     part = slice(begin, end)
     channel = int(np.argmax(np.mean(scaled[part] ** 2, axis=0)))

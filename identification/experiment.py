@@ -50,7 +50,10 @@ class Experiment:
         return guess_states(self.problem, self.shooting, windows)
 
     def fit_stages(
-        self, values: Mapping[str, float] | None = None, *, fixed_sd: Vector | None = None,
+        self,
+        values: Mapping[str, float] | None = None,
+        *,
+        fixed_sd: Vector | None = None,
         stages: Sequence[float] = STAGES,
     ) -> tuple[Fit, ...]:
         """Fit with windows of growing length, each stage from the one before.
@@ -61,13 +64,15 @@ class Experiment:
         current = dict(self.problem.values if values is None else {**self.problem.values, **values})
         fits: list[Fit] = []
         for share in stages:
-            windows = cut(
-                len(self.problem.time), self.problem.sample_time, share * WINDOW
-            )
+            windows = cut(len(self.problem.time), self.problem.sample_time, share * WINDOW)
             if fits and len(windows) == len(fits[-1].x0):
                 continue
             found = fit(
-                self.problem, self.shooting, windows, self.guess(windows), current,
+                self.problem,
+                self.shooting,
+                windows,
+                self.guess(windows),
+                current,
                 fixed_sd=fixed_sd,
             )
             if np.isfinite(found.at.cost):
@@ -76,18 +81,21 @@ class Experiment:
         if not fits:
             raise DivergenceError(
                 f"the simulation of {self.problem.dae.name} leaves the finite numbers from every "
-                "start", remedy="give better starting values with --param",
+                "start",
+                remedy="give better starting values with --param",
             )
         return tuple(fits)
 
     def predict(
-        self, values: Mapping[str, float], horizon: float | None, *, sd: Vector | None = None,
+        self,
+        values: Mapping[str, float],
+        horizon: float | None,
+        *,
+        sd: Vector | None = None,
         windows: Sequence[Window] | None = None,
     ) -> Prediction:
         """Predict this record (see `identification.prediction.predict`)."""
-        return predict(
-            self.problem, self.shooting, values, horizon, sd=sd, windows=windows
-        )
+        return predict(self.problem, self.shooting, values, horizon, sd=sd, windows=windows)
 
     def on(self, problem: Problem) -> Experiment:
         """Return the same compiled model on another record."""

@@ -83,7 +83,10 @@ class Fit:
 
 
 def simulate(
-    problem: Problem, shooting: Shooting, windows: Sequence[Window], x0: Matrix,
+    problem: Problem,
+    shooting: Shooting,
+    windows: Sequence[Window],
+    x0: Matrix,
     values: Mapping[str, float],
 ) -> tuple[Matrix, ...]:
     """Return each window's simulated outputs, (n, ny); NaN after a window diverged."""
@@ -98,8 +101,14 @@ def simulate(
 
 
 def linearise(
-    problem: Problem, shooting: Shooting, windows: Sequence[Window], x0: Matrix,
-    values: Mapping[str, float], sd: Vector, *, block: float = 0.25,
+    problem: Problem,
+    shooting: Shooting,
+    windows: Sequence[Window],
+    x0: Matrix,
+    values: Mapping[str, float],
+    sd: Vector,
+    *,
+    block: float = 0.25,
 ) -> Linearised:
     """Simulate all windows with sensitivities and form the projected normal equations.
 
@@ -117,7 +126,11 @@ def linearise(
     residuals: list[Matrix] = []
     for k, window in enumerate(windows):
         response = shooting.run(
-            x0[k], inputs[window.begin : window.end], p, h, t0=float(problem.time[window.begin]),
+            x0[k],
+            inputs[window.begin : window.end],
+            p,
+            h,
+            t0=float(problem.time[window.begin]),
             sensitivities=True,
         )
         misfit = problem.outputs[window.begin : window.end] - response.outputs
@@ -143,7 +156,13 @@ def linearise(
         edges = np.arange(0, len(window), per_block)
         scores.extend(np.add.reduceat(contributions, edges, axis=0))
     return Linearised(
-        cost, np.sqrt(squares / samples), samples, normal, raw, tuple(grams), np.array(scores),
+        cost,
+        np.sqrt(squares / samples),
+        samples,
+        normal,
+        raw,
+        tuple(grams),
+        np.array(scores),
         tuple(residuals),
     )
 
@@ -177,9 +196,16 @@ class _Point:
 
 
 def fit(
-    problem: Problem, shooting: Shooting, windows: Sequence[Window], x0: Matrix,
-    values: Mapping[str, float], *, free: Sequence[str] | None = None,
-    fixed_sd: Vector | None = None, iterations: int = 30, tolerance: float = 1e-7,
+    problem: Problem,
+    shooting: Shooting,
+    windows: Sequence[Window],
+    x0: Matrix,
+    values: Mapping[str, float],
+    *,
+    free: Sequence[str] | None = None,
+    fixed_sd: Vector | None = None,
+    iterations: int = 30,
+    tolerance: float = 1e-7,
 ) -> Fit:
     """Fit parameters and initial states.
 
@@ -200,12 +226,12 @@ def fit(
     names = shooting.sensitive
     chosen = np.array([name in (free if free is not None else names) for name in names])
     low, high = _bounds(problem, names)
-    sd = fixed_sd if fixed_sd is not None else weights(
-        problem.noise_sd, np.std(problem.outputs, axis=0)
+    sd = (
+        fixed_sd
+        if fixed_sd is not None
+        else weights(problem.noise_sd, np.std(problem.outputs, axis=0))
     )
-    point = _Point(
-        dict(values), x0, linearise(problem, shooting, windows, x0, values, sd)
-    )
+    point = _Point(dict(values), x0, linearise(problem, shooting, windows, x0, values, sd))
     if not np.isfinite(point.at.cost):
         return _finish(problem, names, chosen, point, sd, converged=False)
     converged, damping = False, 1e-4
@@ -215,7 +241,8 @@ def fit(
             if np.any(np.abs(new_sd - sd) > 1e-3 * sd):
                 sd = new_sd
                 point = _Point(
-                    point.values, point.x0,
+                    point.values,
+                    point.x0,
                     linearise(problem, shooting, windows, point.x0, point.values, sd),
                 )
         step = _step(problem, shooting, windows, names, chosen, point, sd, damping, low, high)
@@ -248,8 +275,16 @@ def seen(at: Linearised) -> NDArrayBool:
 
 
 def _step(
-    problem: Problem, shooting: Shooting, windows: Sequence[Window], names: Sequence[str],
-    chosen: NDArrayBool, point: _Point, sd: Vector, damping: float, low: Vector, high: Vector,
+    problem: Problem,
+    shooting: Shooting,
+    windows: Sequence[Window],
+    names: Sequence[str],
+    chosen: NDArrayBool,
+    point: _Point,
+    sd: Vector,
+    damping: float,
+    low: Vector,
+    high: Vector,
 ) -> tuple[_Point, float] | None:
     """Take one damped step that lowers the cost; None if there is none."""
     theta = np.array([point.values[name] for name in names])
@@ -275,9 +310,7 @@ def _step(
             delta[index] = np.linalg.lstsq(damped, gradient[index] / scale, rcond=1e-13)[0] / scale
         new_theta = np.clip(theta + delta, low, high)
         delta = new_theta - theta
-        new_x0 = np.array(
-            [x + w0 - w @ delta for x, (w, w0) in zip(point.x0, back, strict=True)]
-        )
+        new_x0 = np.array([x + w0 - w @ delta for x, (w, w0) in zip(point.x0, back, strict=True)])
         new_values = {**point.values, **dict(zip(names, new_theta.tolist(), strict=True))}
         at = linearise(problem, shooting, windows, new_x0, new_values, sd)
         if at.cost < point.at.cost:
@@ -287,7 +320,12 @@ def _step(
 
 
 def _finish(
-    problem: Problem, names: Sequence[str], chosen: NDArrayBool, point: _Point, sd: Vector, *,
+    problem: Problem,
+    names: Sequence[str],
+    chosen: NDArrayBool,
+    point: _Point,
+    sd: Vector,
+    *,
     converged: bool,
 ) -> Fit:
     free = tuple(name for name, c in zip(names, chosen, strict=True) if c)

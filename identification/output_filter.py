@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 
 _TINY = 1e-300
 _FEWEST_SAMPLES = 30  # τ in samples; (T/τ)²/12 is the error of straight lines
-_LEAST_WINDOWS = 20  # record in units of τ
+_LEAST_WINDOWS = 10  # record in units of τ
 _ABOVE_FLOOR = 10.0  # a periodogram's scatter exceeds this rarely
 
 
@@ -142,8 +142,8 @@ def _recursion(drive: Array, pole: float) -> Array:
     return filtered
 
 
-def choose_tau(positions: Sequence[Array], sample_time: float) -> float:
-    """Choose one time constant for both sections from how fast the recorded motion is [s].
+def choose_tau(positions: Sequence[Array], sample_time: float) -> tuple[float, float, float]:
+    """Choose one time constant for both sections from how fast the recorded motion is.
 
     τ = 1/ω, where ω bounds nine tenths of the power of the slowest coordinate's acceleration. A
     shorter τ lets in noise beyond the motion's band and, below some tens of samples, the straight
@@ -154,9 +154,12 @@ def choose_tau(positions: Sequence[Array], sample_time: float) -> float:
         positions: (n,) record of each coordinate.
         sample_time: Step of the grid [s].
 
+    Returns:
+        τ, and the shortest and the longest that make sense for the record [s].
+
     Example:
         >>> t = np.arange(0, 20, 1e-3)
-        >>> tau = choose_tau([np.sin(10 * t)], 1e-3)
+        >>> tau, shortest, longest = choose_tau([np.sin(10 * t)], 1e-3)
         >>> bool(0.07 < tau < 0.13)
         True
     """
@@ -165,7 +168,7 @@ def choose_tau(positions: Sequence[Array], sample_time: float) -> float:
     shortest = min(_FEWEST_SAMPLES * sample_time, longest)
     bands = [_acceleration_band(values, sample_time) for values in positions]
     slowest = min((band for band in bands if band > 0), default=1 / longest)
-    return float(np.clip(1 / slowest, shortest, longest))
+    return float(np.clip(1 / slowest, shortest, longest)), shortest, longest
 
 
 def _acceleration_band(position: Array, sample_time: float) -> float:

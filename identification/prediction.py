@@ -79,8 +79,13 @@ class Prediction:
 
 
 def predict(
-    problem: Problem, shooting: Shooting, values: Mapping[str, float], horizon: float | None, *,
-    windows: Sequence[Window] | None = None, sd: Vector | None = None,
+    problem: Problem,
+    shooting: Shooting,
+    values: Mapping[str, float],
+    horizon: float | None,
+    *,
+    windows: Sequence[Window] | None = None,
+    sd: Vector | None = None,
 ) -> Prediction:
     """Predict a record window by window.
 
@@ -110,19 +115,30 @@ def predict(
         settling = settling_samples(window, full)
         x0[k] = settle(problem, shooting, window, settling, guesses[k], inputs, p, weight)
         response = shooting.run(
-            x0[k], inputs[window.begin : window.end], p, h, t0=float(problem.time[window.begin]),
+            x0[k],
+            inputs[window.begin : window.end],
+            p,
+            h,
+            t0=float(problem.time[window.begin]),
             sensitivities=True,
         )
         simulated[window.begin : window.end] = response.outputs
         first = window.begin if horizon is None else window.begin + settling
         scored[first : window.end] = True
         if response.finite == len(window):
-            floor += _floor(response.sensitivities[:, :, : shooting.nx], settling, noise,
-                            first - window.begin)
+            floor += _floor(
+                response.sensitivities[:, :, : shooting.nx], settling, noise, first - window.begin
+            )
     count = max(int(np.sum(scored)), 1)
     return Prediction(
-        horizon, chosen, simulated, scored, x0, problem.outputs - simulated,
-        np.sqrt(floor / count), deviation,
+        horizon,
+        chosen,
+        simulated,
+        scored,
+        x0,
+        problem.outputs - simulated,
+        np.sqrt(floor / count),
+        deviation,
     )
 
 

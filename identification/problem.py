@@ -108,19 +108,22 @@ def match(
     uniform = recording.uniform()
     if len(uniform.time) < _SHORTEST:
         raise ExcitationError(
-            f"the recording has {len(uniform.time)} samples", where=recording.origin,
+            f"the recording has {len(uniform.time)} samples",
+            where=recording.origin,
             remedy=f"record at least {_SHORTEST}",
         )
     missing = [v.name for v in dae.inputs if v.name not in uniform.channels]
     if missing:
         raise ChannelError(
-            f"no channel for the input '{missing[0]}' of {dae.name}", where=recording.origin,
-            remedy=f"name its column in a channel map: [channels.{missing[0]}] source = \"…\"",
+            f"no channel for the input '{missing[0]}' of {dae.name}",
+            where=recording.origin,
+            remedy=f'name its column in a channel map: [channels.{missing[0]}] source = "…"',
         )
     output_names = tuple(v.name for v in dae.outputs if v.name in uniform.channels)
     if not output_names:
         raise ChannelError(
-            f"none of the outputs of {dae.name} is recorded", where=recording.origin,
+            f"none of the outputs of {dae.name} is recorded",
+            where=recording.origin,
             remedy="map at least one of: " + ", ".join(v.name for v in dae.outputs),
         )
     n = len(uniform.time)

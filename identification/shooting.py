@@ -187,7 +187,13 @@ class Shooting:
         return np.ascontiguousarray(np.column_stack(columns), dtype=float)
 
     def run(
-        self, x0: Vector, inputs: Matrix, p: Vector, h: float, *, t0: float = 0.0,
+        self,
+        x0: Vector,
+        inputs: Matrix,
+        p: Vector,
+        h: float,
+        *,
+        t0: float = 0.0,
         sensitivities: bool = False,
     ) -> Response:
         """Simulate one window.
@@ -205,9 +211,16 @@ class Shooting:
         dy = np.zeros((n if sensitivities else 0, nc, ny))
         x0 = np.ascontiguousarray(x0, dtype=float)
         finite = self._library.twinproof_shoot(
-            n, max(1, round(h / _LONGEST_STEP)), ctypes.c_double(h), ctypes.c_double(t0),
-            _pointer(x0), _pointer(inputs), _pointer(p), int(sensitivities),
-            _pointer(y), _pointer(dy),
+            n,
+            max(1, round(h / _LONGEST_STEP)),
+            ctypes.c_double(h),
+            ctypes.c_double(t0),
+            _pointer(x0),
+            _pointer(inputs),
+            _pointer(p),
+            int(sensitivities),
+            _pointer(y),
+            _pointer(dy),
         )
         y[finite:] = np.nan
         return Response(y, dy.transpose(0, 2, 1), int(finite))
@@ -324,13 +337,17 @@ def _generate(
     functions = [
         ca.Function(f"{_PREFIX}_step", step_in, [ca.densify(x_next)], {"cse": True}),
         ca.Function(
-            f"{_PREFIX}_step_sensitive", step_in,
-            [ca.densify(x_next), full(x_next, x), full(x_next, s)], {"cse": True},
+            f"{_PREFIX}_step_sensitive",
+            step_in,
+            [ca.densify(x_next), full(x_next, x), full(x_next, s)],
+            {"cse": True},
         ),
         ca.Function(f"{_PREFIX}_output", output_in, [ca.densify(y)]),
         ca.Function(
-            f"{_PREFIX}_output_sensitive", output_in,
-            [ca.densify(y), full(y, x), full(y, s)], {"cse": True},
+            f"{_PREFIX}_output_sensitive",
+            output_in,
+            [ca.densify(y), full(y, x), full(y, s)],
+            {"cse": True},
         ),
     ]
     generator = ca.CodeGenerator(
@@ -339,8 +356,13 @@ def _generate(
     for function in functions:
         generator.add(function)
     driver = _DRIVER.format(
-        nx=model.x.shape[0], nu=u.shape[0], ns=len(sensitive), ny=len(output_names),
-        np=p.shape[0], nd=3 * n_delays, prefix=_PREFIX,
+        nx=model.x.shape[0],
+        nu=u.shape[0],
+        ns=len(sensitive),
+        ny=len(output_names),
+        np=p.shape[0],
+        nd=3 * n_delays,
+        prefix=_PREFIX,
         work=max(1, *(int(function.sz_w()) for function in functions)),
     )
     return str(generator.dump()) + driver

@@ -82,8 +82,14 @@ def guess_states(problem: Problem, shooting: Shooting, windows: Sequence[Window]
 
 
 def settle(
-    problem: Problem, shooting: Shooting, window: Window, samples: int, guess: Vector,
-    inputs: Matrix, p: Vector, sd: Vector,
+    problem: Problem,
+    shooting: Shooting,
+    window: Window,
+    samples: int,
+    guess: Vector,
+    inputs: Matrix,
+    p: Vector,
+    sd: Vector,
 ) -> Vector:
     """Estimate a window's initial state from its first samples, through the model.
 

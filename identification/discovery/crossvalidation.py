@@ -53,7 +53,12 @@ class Verdict:
 
 
 def crossvalidate(
-    smaller: Experiment, base: Fit, larger: Experiment, extended: Fit, noise: Vector, *,
+    smaller: Experiment,
+    base: Fit,
+    larger: Experiment,
+    extended: Fit,
+    noise: Vector,
+    *,
     tried: int = 1,
 ) -> Verdict:
     """Compare a model with its extension on windows that neither fit has seen.
@@ -69,7 +74,11 @@ def crossvalidate(
     if len(windows) < _FEWEST_WINDOWS:
         nothing = np.full(len(noise), np.nan)
         return Verdict(
-            False, 1.0, 0.0, nothing, nothing,
+            False,
+            1.0,
+            0.0,
+            nothing,
+            nothing,
             f"the record is too short to leave blocks out: record {_FEWEST_WINDOWS * CV_WINDOW} s",
         )
     before = _unseen(smaller, base, windows, base.sd)
@@ -77,9 +86,7 @@ def crossvalidate(
     return _judge(before, after, noise, tried)
 
 
-def _unseen(
-    experiment: Experiment, whole: Fit, windows: Sequence[Window], sd: Vector
-) -> Matrix:
+def _unseen(experiment: Experiment, whole: Fit, windows: Sequence[Window], sd: Vector) -> Matrix:
     """Return (windows, ny) mean squared errors, each window's with parameters from elsewhere."""
     count = len(windows)
     errors = np.full((count, len(sd)), np.inf)
@@ -100,11 +107,22 @@ def _pick(windows: Sequence[Window], index: NDArray[np.intp]) -> list[Window]:
 
 
 def _fit(
-    experiment: Experiment, start: Fit, windows: Sequence[Window], x0: Matrix, sd: Vector, *,
+    experiment: Experiment,
+    start: Fit,
+    windows: Sequence[Window],
+    x0: Matrix,
+    sd: Vector,
+    *,
     free: Sequence[str],
 ) -> Fit:
     return fit(
-        experiment.problem, experiment.shooting, windows, x0, start.values, free=free, fixed_sd=sd,
+        experiment.problem,
+        experiment.shooting,
+        windows,
+        x0,
+        start.values,
+        free=free,
+        fixed_sd=sd,
         iterations=20,
     )
 

@@ -120,8 +120,13 @@ def diagnose(
     )
     ties = _ties(refits, chosen)
     return Diagnosis(
-        _outcome(chosen, ties, fit, noise, experiment), ranking, ties, chosen, checks,
-        {**scanned.skipped, **failed}, _next_experiment(ties),
+        _outcome(chosen, ties, fit, noise, experiment),
+        ranking,
+        ties,
+        chosen,
+        checks,
+        {**scanned.skipped, **failed},
+        _next_experiment(ties),
     )
 
 
@@ -137,8 +142,13 @@ def _row(refit: Refit) -> Ranked:
         parameters[name] = (value, sd, units[name])
     addition = refit.addition
     return Ranked(
-        addition.label, addition.effect.name, addition.place.name, refit.evidence, refit.explains,
-        parameters, True,
+        addition.label,
+        addition.effect.name,
+        addition.place.name,
+        refit.evidence,
+        refit.explains,
+        parameters,
+        True,
     )
 
 
@@ -146,23 +156,29 @@ def _unrefitted(scored: Scored, fit: Fit) -> Ranked:
     share = min(scored.gain / max(fit.at.cost, 1e-300), 1.0 - 1e-12)
     addition = scored.addition
     return Ranked(
-        addition.label, addition.effect.name, addition.place.name,
+        addition.label,
+        addition.effect.name,
+        addition.place.name,
         # White-noise scale: only ever used to order the tail of the list.
-        0.0, share, {}, False,
+        0.0,
+        share,
+        {},
+        False,
     )
 
 
 def _ties(refits: tuple[Refit, ...], chosen: Refit | None) -> tuple[tuple[str, ...], ...]:
     if chosen is None:
         return ()
-    near = [
-        r.addition.label for r in refits if abs(r.evidence - chosen.evidence) <= _TIE
-    ]
+    near = [r.addition.label for r in refits if abs(r.evidence - chosen.evidence) <= _TIE]
     return (tuple(near),) if len(near) > 1 else ()
 
 
 def _outcome(
-    chosen: Refit | None, ties: tuple[tuple[str, ...], ...], fit: Fit, noise: Vector,
+    chosen: Refit | None,
+    ties: tuple[tuple[str, ...], ...],
+    fit: Fit,
+    noise: Vector,
     experiment: Experiment,
 ) -> Outcome:
     if chosen is not None:
@@ -179,5 +195,6 @@ def _next_experiment(ties: tuple[tuple[str, ...], ...]) -> str:
         return ""
     return (
         "record the same motion at half and at twice the amplitude and speed: "
-        + ", ".join(ties[0]) + " change differently with them"
+        + ", ".join(ties[0])
+        + " change differently with them"
     )

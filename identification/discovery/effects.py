@@ -152,7 +152,10 @@ def _read(class_name: str, kind: str, roots: tuple[Path, ...], text: str) -> Eff
     source = ModelicaSource(text + host, "EffectHost", f"{class_name}.mo", class_name, roots)
     dae = load(source)
     parameters = tuple(
-        v for v in dae.parameters if v.name.startswith("effect.") and v.tunable
+        v
+        for v in dae.parameters
+        if v.name.startswith("effect.")
+        and v.tunable
         and v.name not in dae.dependent_parameters
         # A filter's start is an initial state, estimated as such.
         and v.name not in dae.start_parameters
@@ -175,12 +178,16 @@ def _unprefixed(variable: Variable) -> Variable:
 def _description(class_name: str, text: str, roots: tuple[Path, ...]) -> str:
     short = class_name.rpartition(".")[2]
     pattern = re.compile(rf'\b(?:model|block)\s+{short}\s+"((?:[^"\\]|\\.)*)"')
-    texts = [text] if text else [
-        path.read_text(encoding="utf-8")
-        for root in (LIBRARY, *roots)
-        for path in root.rglob(f"{short}.mo")
-        if class_name.endswith(".".join([*path.relative_to(root).parts[:-1], short]))
-    ]
+    texts = (
+        [text]
+        if text
+        else [
+            path.read_text(encoding="utf-8")
+            for root in (LIBRARY, *roots)
+            for path in root.rglob(f"{short}.mo")
+            if class_name.endswith(".".join([*path.relative_to(root).parts[:-1], short]))
+        ]
+    )
     for candidate in texts:
         found = pattern.search(candidate)
         if found:
@@ -190,5 +197,7 @@ def _description(class_name: str, text: str, roots: tuple[Path, ...]) -> str:
 
 def load_host(effect: Effect) -> Dae:
     """Return the flat model of an effect on a bare unit mass (or alone, for a signal)."""
-    host = f"model EffectHost\n  {effect.class_name} effect;\n  {_HOST[effect.kind]}\nend EffectHost;"
+    host = (
+        f"model EffectHost\n  {effect.class_name} effect;\n  {_HOST[effect.kind]}\nend EffectHost;"
+    )
     return load(ModelicaSource(host, "EffectHost", "EffectHost.mo", effect.class_name))

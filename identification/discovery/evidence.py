@@ -119,12 +119,20 @@ def refit(model: ExtendedModel, experiment: Experiment, base: Fit, scored: Score
         p: best.values[bigger.parameter_of(addition, p)]
         for p in (*effect.main_parameters, *effect.shape_parameters)
     }
-    at_bound = tuple(p for p in effect.shape_parameters if _at_bound(bigger, addition, p, fitted[p]))
+    at_bound = tuple(
+        p for p in effect.shape_parameters if _at_bound(bigger, addition, p, fitted[p])
+    )
     evidence, explains = log_evidence(base, best)
     price = 0.5 * len(fitted) * float(np.log(np.max(independent_samples(best.at.residuals))))
     merit = (evidence - price) * (_UNFOUND_SHAPE if at_bound else 1.0)
     return Refit(
-        Addition(effect, addition.place, fitted), bigger, larger, best, evidence, explains, merit,
+        Addition(effect, addition.place, fitted),
+        bigger,
+        larger,
+        best,
+        evidence,
+        explains,
+        merit,
         at_bound,
     )
 
@@ -136,9 +144,7 @@ def _at_bound(model: ExtendedModel, addition: Addition, parameter: str, value: f
     return not low + 1e-6 * abs(low) < value < high - 1e-6 * abs(high)
 
 
-def _fit_from(
-    larger: Experiment, smaller: Experiment, base: Fit, start: dict[str, float]
-) -> Fit:
+def _fit_from(larger: Experiment, smaller: Experiment, base: Fit, start: dict[str, float]) -> Fit:
     windows = smaller.windows
     x0 = carry_states(larger, smaller, base.x0)
     values = {**larger.problem.values, **start}

@@ -149,17 +149,17 @@ def text_diff(before: ExtendedModel | ModelicaSource, after: ExtendedModel) -> s
     old_name = before.file_name if isinstance(before, ModelicaSource) else f"{before.name}.mo"
     return "".join(
         difflib.unified_diff(
-            old.splitlines(keepends=True), after.source.text.splitlines(keepends=True),
-            old_name, f"{after.name}.mo",
+            old.splitlines(keepends=True),
+            after.source.text.splitlines(keepends=True),
+            old_name,
+            f"{after.name}.mo",
         )
     )
 
 
 def _wrapped(additions: Sequence[Addition], base: ModelicaSource) -> bool:
     del base
-    return any(
-        a.effect.kind == "signal" or not a.place.inherited_connect for a in additions
-    )
+    return any(a.effect.kind == "signal" or not a.place.inherited_connect for a in additions)
 
 
 def _number(value: float) -> str:
@@ -198,10 +198,13 @@ def _write_wrapper(
 ) -> str:
     dae = load(base)
     inside = tuple(a for a in additions if a.effect.kind != "signal" and a.place.inherited_connect)
-    bare = tuple(a for a in additions if a.effect.kind != "signal" and not a.place.inherited_connect)
+    bare = tuple(
+        a for a in additions if a.effect.kind != "signal" and not a.place.inherited_connect
+    )
     series = tuple(a for a in additions if a.effect.kind == "signal")
     parameters = [
-        v for v in dae.parameters
+        v
+        for v in dae.parameters
         if v.tunable and v.name not in dae.dependent_parameters and "." not in v.name
     ]
     lines = [f'model {name} "{base.short_name} with {", ".join(a.label for a in additions)}"\n']
@@ -210,8 +213,9 @@ def _write_wrapper(
         plant_class = "Plant"
         nested = _write_extension(base, inside, {}, "Plant")
         lines += ["  " + line + "\n" for line in nested.rstrip("\n").split("\n")]
-    lines += [_declare_parameter(v, values.get(v.name, dae.parameter_values[v.name]))
-              for v in parameters]
+    lines += [
+        _declare_parameter(v, values.get(v.name, dae.parameter_values[v.name])) for v in parameters
+    ]
     same = ", ".join(f"{v.name} = {v.name}" for v in parameters)
     lines.append(f"  {plant_class} plant{f'({same})' if same else ''};\n")
     lines += [_component(a) for a in (*bare, *series)]

@@ -15,6 +15,7 @@ from identification.experiment import Experiment
 from identification.gauss_newton import Fit
 from identification.prediction import WINDOW, Prediction, choose_horizon
 from identification.problem import Problem, Vector
+from identification.estimators.start import best_start
 
 Progress = Callable[[str], None]
 
@@ -80,8 +81,12 @@ class _Rung:
 
 
 def improve(
-    source: ModelicaSource, problem: Problem, holdout: Problem | None = None, *,
-    max_effects: int = 4, horizon: float | str | None = "auto",
+    source: ModelicaSource,
+    problem: Problem,
+    holdout: Problem | None = None,
+    *,
+    max_effects: int = 4,
+    horizon: float | str | None = "auto",
     progress: Progress = lambda _: None,
 ) -> Improvement:
     """Find the missing effects of a model, one by one.
@@ -103,7 +108,7 @@ def improve(
     model = extend(source, [])
     experiment = Experiment.of(problem)
     progress(f"fitting {source.short_name}")
-    fit = experiment.fit_stages()[-1]
+    fit = experiment.fit_stages(best_start(experiment).values)[-1]
     rungs: list[_Rung] = []
     added: Addition | None = None
     verdict: Verdict | None = None
@@ -119,15 +124,14 @@ def improve(
     progress("scoring all steps, the unseen record for the first time")
     last = rungs[-1]
     if horizon == "auto":
-        chosen_horizon = choose_horizon(last.experiment.problem, last.experiment.shooting,
-                                        last.fit.values)
+        chosen_horizon = choose_horizon(
+            last.experiment.problem, last.experiment.shooting, last.fit.values
+        )
     else:
         assert not isinstance(horizon, str)
         chosen_horizon = horizon
     steps = _score(rungs, problem, holdout, chosen_horizon)
-    floor = dict(
-        zip(problem.output_names, steps[-1].train.prediction.floor.tolist(), strict=True)
-    )
+    floor = dict(zip(problem.output_names, steps[-1].train.prediction.floor.tolist(), strict=True))
     return Improvement(last.diagnosis.outcome, steps, chosen_horizon, floor)
 
 
@@ -153,9 +157,16 @@ def _score(
             before = short
         steps.append(
             Step(
-                number, model, rung.added, rung.verdict, fit, rung.experiment,
-                compare(rung.experiment.problem, rung.experiment.shooting, train), unseen,
-                rung.diagnosis, contradicted,
+                number,
+                model,
+                rung.added,
+                rung.verdict,
+                fit,
+                rung.experiment,
+                compare(rung.experiment.problem, rung.experiment.shooting, train),
+                unseen,
+                rung.diagnosis,
+                contradicted,
             )
         )
     return tuple(steps)

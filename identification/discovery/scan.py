@@ -84,17 +84,15 @@ def scan(
     """
     problem = experiment.problem
     have = {a.label for a in model.additions} | set(exclude)
-    wanted = [
-        a for a in candidates(model.base, problem.output_names) if a.label not in have
-    ]
+    wanted = [a for a in candidates(model.base, problem.output_names) if a.label not in have]
     testable, skipped = _testable(model, wanted, problem)
     whole = extend(
-        model.base, [*model.additions, *testable], values=model.values,
+        model.base,
+        [*model.additions, *testable],
+        values=model.values,
         name=f"{model.base.short_name}_all",
     )
-    mains = [
-        (a, [whole.parameter_of(a, p) for p in a.effect.main_parameters]) for a in testable
-    ]
+    mains = [(a, [whole.parameter_of(a, p) for p in a.effect.main_parameters]) for a in testable]
     base_names = {_renamed(whole, model, name): name for name in fit.free if name not in fit.held}
     sensitive = [*base_names, *(name for _, names in mains for name in names)]
     whole_problem = transfer(problem, whole, fit.values, model)
@@ -135,8 +133,12 @@ def _delays(addition: Addition, model: ExtendedModel) -> bool:
 
 
 def transfer(
-    problem: Problem, model: ExtendedModel, values: Mapping[str, float],
-    previous: ExtendedModel, *, added: Mapping[str, float] | None = None,
+    problem: Problem,
+    model: ExtendedModel,
+    values: Mapping[str, float],
+    previous: ExtendedModel,
+    *,
+    added: Mapping[str, float] | None = None,
 ) -> Problem:
     """Return the same record for an extended model, with the previous model's values.
 
@@ -155,9 +157,7 @@ def transfer(
         for v in dae.parameters
         if v.name not in dae.dependent_parameters and v.role.value == "parameter"
     }
-    carried = {
-        _renamed(model, previous, name): value for name, value in values.items()
-    }
+    carried = {_renamed(model, previous, name): value for name, value in values.items()}
     independent.update({k: v for k, v in carried.items() if k in independent})
     independent.update(added or {})
     base_free = {_renamed(model, previous, name) for name in problem.free}
@@ -181,7 +181,10 @@ def _renamed(to: ExtendedModel, source: ExtendedModel, name: str) -> str:
 
 
 def _transfer_states(
-    problem: Problem, shooting: Shooting, experiment: Experiment, x0: Matrix,
+    problem: Problem,
+    shooting: Shooting,
+    experiment: Experiment,
+    x0: Matrix,
     windows: Sequence[object],
 ) -> Matrix:
     del windows
@@ -195,7 +198,11 @@ def _transfer_states(
 
 
 def _score(
-    problem: Problem, at: Linearised, n_base: int, sensitive: Sequence[str], addition: Addition,
+    problem: Problem,
+    at: Linearised,
+    n_base: int,
+    sensitive: Sequence[str],
+    addition: Addition,
     names: Sequence[str],
 ) -> Scored | None:
     base = np.arange(n_base)

@@ -1,1 +1,46 @@
 """Estimators, one a file, behind one small interface."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+from foundation.errors import UnknownNameError
+from identification.estimators.auto import Auto
+from identification.estimators.base import Estimator
+from identification.estimators.differencing import Differencing
+from identification.estimators.filtered_least_squares import FilteredLeastSquares
+from identification.estimators.output_error import OutputError
+
+ESTIMATORS: Mapping[str, Callable[[], Estimator]] = {
+    "auto": Auto,
+    "differencing": Differencing,
+    "output-filter": FilteredLeastSquares,
+    "output-error": OutputError,
+}
+"""Every estimator by its word in `--method`."""
+
+
+def estimator(method: str) -> Estimator:
+    """Return the estimator of a word.
+
+    Raises:
+        UnknownNameError: There is none of that word.
+
+    Example:
+        >>> estimator("output-error").method
+        'output-error'
+    """
+    if method not in ESTIMATORS:
+        raise UnknownNameError("method", method, ESTIMATORS)
+    return ESTIMATORS[method]()
+
+
+__all__ = [
+    "ESTIMATORS",
+    "Auto",
+    "Differencing",
+    "Estimator",
+    "FilteredLeastSquares",
+    "OutputError",
+    "estimator",
+]

@@ -1,4 +1,4 @@
-"""Equations sorted by what is unknown in them: Σ lump(parameters) · column(signals) = known(signals).
+"""Equations sorted by what is unknown in them: Σ lump(parameters)·column(signals) = known(signals).
 
 The parameters of an equation of motion enter as sums of products. Products whose columns are
 linearly dependent cannot be told apart by any experiment; they are folded into one *base parameter*

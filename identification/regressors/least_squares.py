@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 
 _ZERO_COLUMN = 1e-11  # of the size it would have without cancellation
 _COLLINEAR = 1e-7  # sine of the angle between a column and the span of the others
-_HARDLY_TOLD_APART = 1e3  # scaled condition number beyond which a few per cent of noise decide
+_HARDLY_TOLD_APART = 1e4  # scaled condition number beyond which the faintest noise decides
 _WEIGHTINGS = 3
 _REMEDY = (
     "try a record with larger and faster motion of the parts they act on, "
@@ -77,12 +77,12 @@ def solve(
         )
     matrix, right = _without_nuisance(rows)
     matrix = np.where(_is_zero(matrix, rows)[:, None, :], 0.0, matrix)
-    factors = [np.linalg.qr(np.column_stack([a, y]), "r") for a, y in zip(matrix, right, strict=True)]
+    factors = [
+        np.linalg.qr(np.column_stack([a, y]), "r") for a, y in zip(matrix, right, strict=True)
+    ]
     names = regression.parameters
     seen = _Seen(regression, start, np.any(matrix != 0, axis=(0, 1)))
-    # Free of the equations' units from the first round on.
-    size = np.sqrt(np.mean(right**2, axis=1))
-    weights = 1 / np.where(size > 0, size, np.max(size) or 1.0)
+    weights = _first_weights(right)
     values = dict(start)
     fitted: list[str] = []
     sd = weights
@@ -111,7 +111,7 @@ def solve(
     samples = m * n - len(chosen) - rows.nuisance.shape[1] * m
     covariance, condition, weakest = _sandwich(weighted, scores, correlation)
     covariance = covariance * (m * n / max(samples, 1))
-    warnings = list(seen.warnings(fitted))
+    warnings = seen.warnings()
     if condition > _HARDLY_TOLD_APART:
         weak = [name for name, part in zip(fitted, weakest, strict=True) if abs(part) > 0.3]
         warnings.append(
@@ -119,6 +119,41 @@ def solve(
             f"(condition number {condition:.2g}); {_REMEDY}"
         )
     return Solution(values, tuple(fitted), covariance, condition, sd, lumps, tuple(warnings))
+
+
+def noise_share(rows: Rows, noisier: Rows) -> tuple[float, Array]:
+    """Return the largest share of noise in any combination of columns, and which columns that is.
+
+    Args:
+        rows: The regression on a record.
+        noisier: The same with as much noise added to the record as is thought to be in it.
+
+    Returns:
+        The largest eigenvalue of the noise's Gram matrix relative to the record's: about the
+        relative bias of least squares in that direction, 1 or more if there is nothing but noise.
+        And the (columns,) weights of the scaled columns in it, the largest 1.
+    """
+    (matrix, right), (other, _) = _without_nuisance(rows), _without_nuisance(noisier)
+    k = matrix.shape[2]
+    weights = _first_weights(right)[:, None, None]
+    stacked = (weights * matrix).reshape(-1, k)
+    noise = (weights * (other - matrix)).reshape(-1, k)
+    norms = np.linalg.norm(stacked, axis=0)
+    norms[np.all(_is_zero(matrix, rows), axis=0) | (norms == 0)] = np.inf
+    _, s, vt = np.linalg.svd(stacked / norms, full_matrices=False)
+    if s[0] == 0:
+        return 0.0, np.zeros(k)
+    kept = s > _COLLINEAR * s[0]
+    basis = vt[kept].T / s[kept]
+    _, shares, directions = np.linalg.svd((noise / norms) @ basis, full_matrices=False)
+    worst = np.abs(basis @ directions[0])
+    return float(shares[0] ** 2), worst / np.max(worst)
+
+
+def _first_weights(right: Array) -> Array:
+    """Weights that make the fit free of the units in which each equation is written."""
+    size = np.sqrt(np.mean(right**2, axis=1))
+    return 1 / np.where(size > 0, size, np.max(size) or 1.0)
 
 
 def _without_nuisance(rows: Rows) -> tuple[Array, Array]:
@@ -152,6 +187,7 @@ class _Seen:
         below = {s.name for c in regression.columns for s in sp.denom(c.lump).free_symbols}
         # What others are ratios to is held first, then what was asked for last.
         self._order = sorted(range(len(names)), key=lambda j: (names[j] in below, j))
+        # What could be told apart if every column were seen perfectly.
         self._by_any = self._greedy(np.eye(len(regression.columns)))[0]
         self._partners: dict[int, list[int]] = {}
         self._zero: list[int] = []
@@ -188,7 +224,7 @@ class _Seen:
             kept.append(j)
         return kept, partners, zero
 
-    def warnings(self, fitted: Sequence[str]) -> list[str]:
+    def warnings(self) -> list[str]:
         """Say which parameters are held and why."""
         names = self._regression.parameters
         texts: list[str] = []

@@ -111,20 +111,6 @@ class Regression:
                 found |= {frozenset((a.name, b.name)) for b in slope.free_symbols}
         return found
 
-    @cached_property
-    def terms(self) -> tuple[Split, ...]:
-        """All terms: of the columns, one after another, then of the right-hand side."""
-        return tuple(term for column in self.columns for term in column.terms) + self.known
-
-    def is_affine(self, names: Collection[str]) -> bool:
-        """Tell whether the lumps are linear (plus a constant) in these parameters."""
-        symbols = [sp.Symbol(name, real=True) for name in names]
-        return all(
-            not sp.diff(column.lump, s).free_symbols & set(symbols)
-            for column in self.columns
-            for s in symbols
-        )
-
     def lumps(self, values: Mapping[str, float]) -> NDArray[np.float64]:
         """Return the value of every lump, shape (columns,), from parameters."""
         return np.array(self._lump_functions[0](self._arguments(values)), dtype=float)
@@ -238,9 +224,7 @@ def _split_all(
 ) -> tuple[tuple[Column, ...], tuple[Split, ...]]:
     """Split all terms, leaving out equations without an unknown."""
     used = [
-        i
-        for i in range(len(linear.known))
-        if any(lump.column[i] != 0 for lump in linear.lumps)
+        i for i in range(len(linear.known)) if any(lump.column[i] != 0 for lump in linear.lumps)
     ]
     recorded = form.readings if use_rates else ()
     done: dict[Sym, Split] = {sp.S.Zero: ZERO}

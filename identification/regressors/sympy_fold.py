@@ -42,7 +42,7 @@ def _if(condition: Sym, yes: Sym, no: Sym) -> Sym:
     return sp.Piecewise((yes, condition), (no, True))
 
 
-OPERATORS: Mapping[str, Callable[..., Sym]] = {
+_BY_HAND: Mapping[str, Callable[..., Sym]] = {
     "negate": lambda a: -a,
     "not": sp.Not,
     "add": lambda a, b: a + b,
@@ -69,11 +69,14 @@ OPERATORS: Mapping[str, Callable[..., Sym]] = {
     "homotopy": lambda actual, _: actual,
     "ceil": sp.ceiling,
     "log10": lambda a: sp.log(a) / sp.log(10),
-} | {
-    name: getattr(sp, name)
-    for name in (
-        "sin cos tan asin acos atan atan2 sinh cosh tanh exp log sqrt sign floor".split()
-    )
+}
+
+_TRIGONOMETRIC = ("sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sinh", "cosh", "tanh")
+_BY_NAME = (*_TRIGONOMETRIC, "exp", "log", "sqrt", "sign", "floor")
+
+OPERATORS: Mapping[str, Callable[..., Sym]] = {
+    **_BY_HAND,
+    **{name: getattr(sp, name) for name in _BY_NAME},
 }
 
 
