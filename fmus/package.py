@@ -13,8 +13,9 @@ from pathlib import Path
 
 import fmpy
 
+from fmus.cache import cache_folder, content_key
 from fmus.codegen import GUID_MARK, model_header
-from fmus.compiler import compile_library, find_target
+from fmus.compiler import compile_library, find_compiler, find_target
 from fmus.dae import Dae
 from fmus.description import fmi2_description, model_identifier
 from fmus.explicit import explicit
@@ -86,37 +87,80 @@ def export(
         '2.0'
     """
     began = time.perf_counter()
-    platform = find_target(target)
-    dae = load(model) if isinstance(model, ModelicaSource) else model
-    solved = explicit(_with_defaults(dae, parameters or {}), freeze_relations=True)
-    variables = layout(solved)
-    texts = {name: (_RUNTIME / name).read_text(encoding="utf-8") for name in (*_CORE, *_FMI2)}
-    headers = Path(fmpy.__file__).parent / "c-code"
-    texts |= {name: (headers / name).read_text(encoding="utf-8") for name in _FMI2_HEADERS}
-    texts["model.h"] = model_header(solved, variables)
-    description = fmi2_description(solved, variables, _FMI2)
-    guid = _guid(description, *texts.values())
-    texts["model.h"] = texts["model.h"].replace(GUID_MARK, guid)
-    description = description.replace(GUID_MARK, guid)
-    identifier = model_identifier(dae.name)
-    with tempfile.TemporaryDirectory() as folder:
-        for name, text in texts.items():
-            (Path(folder) / name).write_text(text, encoding="utf-8")
-        library = Path(folder) / f"{identifier}{platform.suffix}"
-        compile_library([Path(folder) / name for name in _FMI2], library, target=target)
-        entries = {
-            "modelDescription.xml": f'<?xml version="1.0" encoding="UTF-8"?>\n{description}\n',
-            f"binaries/{platform.name}/{library.name}": library.read_bytes(),
-            **{f"sources/{name}": text for name, text in sorted(texts.items())},
-        }
+    find_target(target)
+    translation = _translate(model, parameters or {})
+    entries = _compiled(translation, target)
     _write_zip(path, entries)
     return ExportResult(
         fmu=path,
         fmi="2.0",
         sha256=hashlib.sha256(path.read_bytes()).hexdigest(),
-        variables=len(variables.variables),
+        variables=translation.variables,
         seconds=time.perf_counter() - began,
     )
+
+
+def cached_fmu(
+    model: ModelicaSource | Dae, *, parameters: Mapping[str, float] | None = None
+) -> Path:
+    """Return an FMU of a model in the user's cache, made only if it is not there yet.
+
+    Args and errors as `export`.
+    """
+    translation = _translate(model, parameters or {})
+    compiler = find_compiler()
+    key = content_key(translation.guid, *compiler.command, compiler.version)
+    path = cache_folder("fmus") / f"{translation.identifier}-{key}.fmu"
+    if not path.is_file():
+        _write_zip(path, _compiled(translation, "linux64"))
+    return path
+
+
+@dataclass(frozen=True)
+class _Translation:
+    """A model in the texts that make its FMU."""
+
+    identifier: str
+    guid: str
+    description: str
+    sources: Mapping[str, str]
+    variables: int
+
+
+def _translate(model: ModelicaSource | Dae, values: Mapping[str, float]) -> _Translation:
+    dae = load(model) if isinstance(model, ModelicaSource) else model
+    solved = explicit(_with_defaults(dae, values), freeze_relations=True)
+    variables = layout(solved)
+    sources = {name: (_RUNTIME / name).read_text(encoding="utf-8") for name in (*_CORE, *_FMI2)}
+    headers = Path(fmpy.__file__).parent / "c-code"
+    sources |= {name: (headers / name).read_text(encoding="utf-8") for name in _FMI2_HEADERS}
+    header = model_header(solved, variables)
+    description = fmi2_description(solved, variables, _FMI2)
+    guid = _guid(description, header, *sources.values())
+    return _Translation(
+        identifier=model_identifier(dae.name),
+        guid=guid,
+        description=description.replace(GUID_MARK, guid),
+        sources=sources | {"model.h": header.replace(GUID_MARK, guid)},
+        variables=len(variables.variables),
+    )
+
+
+def _compiled(translation: _Translation, target: str) -> dict[str, str | bytes]:
+    """Return what goes into the FMU: name → content."""
+    platform = find_target(target)
+    with tempfile.TemporaryDirectory() as folder:
+        for name, text in translation.sources.items():
+            (Path(folder) / name).write_text(text, encoding="utf-8")
+        library = Path(folder) / f"{translation.identifier}{platform.suffix}"
+        compile_library([Path(folder) / name for name in _FMI2], library, target=target)
+        binary = library.read_bytes()
+    return {
+        "modelDescription.xml": f'<?xml version="1.0" encoding="UTF-8"?>\n'
+        f"{translation.description}\n",
+        f"binaries/{platform.name}/{library.name}": binary,
+        **{f"sources/{name}": text for name, text in sorted(translation.sources.items())},
+    }
 
 
 def _with_defaults(dae: Dae, values: Mapping[str, float]) -> Dae:

@@ -1,0 +1,345 @@
+"""Run an FMU, ours or anybody's, or a Modelica model by way of its FMU."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Literal, TypeAlias
+
+import fmpy
+import fmpy.simulation
+import numpy as np
+import numpy.typing as npt
+
+from fmus.archive import FmuDescription, description_of, extract, read_description
+from fmus.co_simulation import Messages, run_co_simulation
+from fmus.dae import Dae
+from fmus.package import cached_fmu
+from fmus.sources import ModelicaSource, find_source
+from foundation.errors import FmuError, InputError, UnknownNameError
+
+Array: TypeAlias = npt.NDArray[np.float64]
+Kind: TypeAlias = Literal["CoSimulation", "ModelExchange"]
+Hold: TypeAlias = Literal["zero-order", "linear"]
+Inputs: TypeAlias = tuple[Array, Mapping[str, Array]]
+
+
+@dataclass(frozen=True, eq=False)
+class Simulation:
+    """What came out of a run.
+
+    Attributes:
+        time: Shape (n,) [s].
+        columns: Name → shape (n,), in the variable's unit.
+    """
+
+    time: Array
+    columns: Mapping[str, Array]
+
+    def __getitem__(self, name: str) -> Array:
+        return self.columns[name]
+
+
+class Fmu:
+    """An FMU extracted once, to be run many times. Use it in a `with` statement.
+
+    Args:
+        path: The file.
+
+    Raises:
+        FmuError: It cannot be read or extracted, or has no binary for this platform.
+
+    Example:
+        >>> from fmus.sources import library_class
+        >>> with Fmu(cached_fmu(library_class("Twinproof.Plants.Pendulum"))) as fmu:
+        ...     run = fmu.simulate(parameters={"theta_start": 0.1}, stop=1.0, step=0.5)
+        >>> run.time
+        array([0. , 0.5, 1. ])
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._description = read_description(path)
+        self.description: FmuDescription = description_of(self._description)
+        self._folder = tempfile.TemporaryDirectory(prefix="twinproof-")
+        try:
+            extract(path, Path(self._folder.name))
+            platforms = fmpy.supported_platforms(self._folder.name)
+            if fmpy.platform not in platforms and fmpy.platform_tuple not in platforms:
+                raise FmuError(
+                    f"the FMU has no binary for {fmpy.platform}",
+                    where=str(path),
+                    remedy=f"it has {', '.join(platforms) or 'none'}: export it for this platform",
+                )
+        except BaseException:
+            self._folder.cleanup()
+            raise
+
+    def __enter__(self) -> Fmu:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Remove what was extracted."""
+        self._folder.cleanup()
+
+    def instantiate(self, kind: Kind = "CoSimulation") -> tuple[Any, Messages]:
+        """Return a new instance of FMPy's class for it, and where its messages are collected.
+
+        Raises:
+            FmuError: The binary does not load, or refuses.
+        """
+        messages = Messages()
+        try:
+            instance = fmpy.simulation.instantiate_fmu(
+                self._folder.name, self._description, kind, logger=messages.add
+            )
+        except Exception as error:  # FMPy raises bare exceptions
+            raise FmuError(
+                f"the FMU does not load: {messages.last or error}",
+                where=str(self.path),
+                remedy="check it with `twinproof check`",
+            ) from error
+        return instance, messages
+
+    def simulate(
+        self,
+        *,
+        inputs: Inputs | None = None,
+        parameters: Mapping[str, float] | None = None,
+        start: float | None = None,
+        stop: float | None = None,
+        step: float | None = None,
+        outputs: Sequence[str] | None = None,
+        kind: Kind | None = None,
+        hold: Hold = "zero-order",
+        tolerance: float | None = None,
+    ) -> Simulation:
+        """Run the FMU once. See `simulate`."""
+        kind = kind or ("CoSimulation" if self._description.coSimulation else "ModelExchange")
+        if kind not in self.description.kinds:
+            raise FmuError(
+                f"the FMU does not offer {kind}",
+                where=str(self.path),
+                remedy=f"run it as {' or '.join(self.description.kinds)}",
+            )
+        names = self._known(outputs, [v.name for v in self.description.outputs])
+        values = dict(parameters or {})
+        self._known(list(values), [])
+        signals = _checked(inputs, [v.name for v in self.description.inputs], self.path)
+        grid = _grid(signals, start, stop, step)
+        instance, messages = self.instantiate(kind)
+        try:
+            if kind == "CoSimulation" and self.description.fmi == "2.0":
+                columns = run_co_simulation(
+                    instance, self._description, grid, signals, values, names, hold, tolerance
+                )
+            else:
+                columns = self._run_with_fmpy(
+                    instance, kind, grid, signals, values, names, hold, tolerance
+                )
+        except Exception as error:
+            if isinstance(error, InputError) and not isinstance(error, FmuError):
+                raise
+            raise FmuError(
+                f"the simulation failed: {messages.last or error}",
+                where=str(self.path),
+                remedy="check inputs, parameters and start values",
+            ) from error
+        finally:
+            instance.freeInstance()
+        return Simulation(grid, dict(zip(names, columns.T, strict=True)))
+
+    def _known(self, names: Sequence[str] | None, default: Sequence[str]) -> list[str]:
+        if names is None:
+            return list(default)
+        known = self.description.names
+        for name in names:
+            if name not in known:
+                raise UnknownNameError("variable", name, known, where=str(self.path))
+        return list(names)
+
+    def _run_with_fmpy(
+        self,
+        instance: Any,
+        kind: Kind,
+        grid: Array,
+        signals: Inputs | None,
+        values: Mapping[str, float],
+        names: Sequence[str],
+        hold: Hold,
+        tolerance: float | None,
+    ) -> Array:
+        step = float(grid[1] - grid[0])
+        result = fmpy.simulate_fmu(
+            self._folder.name,
+            validate=False,
+            model_description=self._description,
+            fmu_instance=instance,
+            fmi_type=kind,
+            start_time=float(grid[0]),
+            stop_time=float(grid[-1]),
+            output_interval=step,
+            relative_tolerance=tolerance or 1e-10,
+            start_values=dict(values),
+            input=None if signals is None else _steps(signals, hold),  # pyright: ignore[reportArgumentType] - None is its default
+            output=list(names),
+            record_events=False,
+        )
+        rows = np.searchsorted(result["time"], grid - 1e-6 * step)
+        if len(result) == 0 or rows[-1] >= len(result):
+            raise FmuError("the FMU ended the simulation early", where=str(self.path))
+        return np.column_stack([np.asarray(result[name], float)[rows] for name in names])
+
+
+def simulate(
+    fmu: Path,
+    *,
+    inputs: Inputs | None = None,
+    parameters: Mapping[str, float] | None = None,
+    start: float | None = None,
+    stop: float | None = None,
+    step: float | None = None,
+    outputs: Sequence[str] | None = None,
+    kind: Kind | None = None,
+    hold: Hold = "zero-order",
+    tolerance: float | None = None,
+) -> Simulation:
+    """Run an FMU once.
+
+    Values at a time are those after the inputs of that time have been set.
+
+    Args:
+        fmu: The file.
+        inputs: Time (n,) [s], increasing, and a column (n,) for each input that is driven. Before
+            and after the given times the end values hold.
+        parameters: Values to set before the start: parameters, start values.
+        start, stop: Of the run [s]; default: the span of the inputs, or 0 and 10.
+        step: Of the result and of communication [s]; default: the inputs' own times, or a
+            thousandth of the span.
+        outputs: Variables to return; default: those that are declared output.
+        kind: Default: Co-Simulation if the FMU has it.
+        hold: `zero-order` keeps an input until its next value, `linear` joins its values.
+        tolerance: Relative, of the integrator; default: the FMU's own.
+
+    Raises:
+        UnknownNameError: An input, a parameter or an output that the FMU does not have.
+        InputError: Times that do not increase.
+        FmuError: The FMU does not load, or fails while it runs.
+    """
+    with Fmu(fmu) as opened:
+        return opened.simulate(
+            inputs=inputs,
+            parameters=parameters,
+            start=start,
+            stop=stop,
+            step=step,
+            outputs=outputs,
+            kind=kind,
+            hold=hold,
+            tolerance=tolerance,
+        )
+
+
+def model_fmu(model: str | Path | ModelicaSource | Dae, roots: tuple[Path, ...] = ()) -> Path:
+    """Return an FMU for whatever a user calls a MODEL; of Modelica, one in the user's cache.
+
+    Raises:
+        ModelicaError, UnsupportedModelError, CompilerError: As `export`.
+        InputError: The word is neither a file nor a class.
+    """
+    if isinstance(model, ModelicaSource | Dae):
+        return cached_fmu(model)
+    if str(model).endswith(".fmu"):
+        return Path(model)
+    return cached_fmu(find_source(str(model), roots))
+
+
+def simulate_model(
+    model: str | Path | ModelicaSource | Dae, *, roots: tuple[Path, ...] = (), **settings: Any
+) -> Simulation:
+    """Run any MODEL: an FMU, a class of the library, a Modelica file. Settings as `simulate`.
+
+    Raises:
+        TwinproofError: As `simulate` and `model_fmu`.
+
+    Example:
+        >>> run = simulate_model("Twinproof.Plants.Pendulum", stop=0.2, step=0.1)
+        >>> sorted(run.columns)
+        ['omega', 'theta']
+    """
+    return simulate(model_fmu(model, roots), **settings)
+
+
+def _checked(inputs: Inputs | None, known: Sequence[str], path: Path) -> Inputs | None:
+    if inputs is None or not inputs[1]:
+        return None
+    time = np.asarray(inputs[0], float)
+    columns = {name: np.asarray(column, float) for name, column in inputs[1].items()}
+    for name, column in columns.items():
+        if name not in known:
+            raise UnknownNameError("input", name, known, where=str(path))
+        if column.shape != time.shape:
+            raise InputError(
+                f"the input has {column.size} values for {time.size} times", where=name
+            )
+        if not np.all(np.isfinite(column)):
+            raise InputError(
+                "the input is not finite",
+                where=f"{name} at time {time[~np.isfinite(column)][0]:g}",
+                remedy="remove or repair the sample",
+            )
+    if time.size < 2 or not np.all(np.diff(time) > 0):
+        raise InputError("the times of the inputs do not increase", where=str(path))
+    return time, columns
+
+
+def _grid(
+    signals: Inputs | None, start: float | None, stop: float | None, step: float | None
+) -> Array:
+    first = start if start is not None else (float(signals[0][0]) if signals else 0.0)
+    last = stop if stop is not None else (float(signals[0][-1]) if signals else first + 10.0)
+    if not last > first:
+        raise InputError(f"the stop time {last:g} s is not after the start time {first:g} s")
+    if step is None and signals is not None:
+        inside = signals[0][(signals[0] > first) & (signals[0] < last)]
+        return np.concatenate([[first], inside, [last]])
+    step = step if step is not None else (last - first) / 1000
+    if not 0 < step <= (last - first) * (1 + 1e-9):
+        raise InputError(
+            f"the step {step:g} s does not fit between {first:g} s and {last:g} s",
+            remedy="choose a positive step not longer than the run",
+        )
+    # Multiples rather than sums of the step: no rounding errors pile up.
+    count = int(np.floor((last - first) / step * (1 + 1e-12))) + 1
+    return first + step * np.arange(count, dtype=np.float64)
+
+
+def _steps(signals: Inputs, hold: Hold) -> npt.NDArray[Any]:
+    """Return inputs as FMPy takes them, with two rows at a jump: a staircase.
+
+    FMPy's integrator holds inputs over a step, so lines become stairs through their midpoints.
+    """
+    time, columns = signals
+    table = np.empty(
+        2 * time.size - 1, dtype=[("time", float), *((name, float) for name in columns)]
+    )
+    table["time"] = np.repeat(time, 2)[1:]
+    for name, column in columns.items():
+        level = (
+            column
+            if hold == "zero-order"
+            else np.append(np.convolve(column, [0.5, 0.5], "valid"), column[-1])
+        )
+        table[name] = np.repeat(level, 2)[:-1]
+    return table
