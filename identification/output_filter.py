@@ -121,7 +121,7 @@ class OutputFilter:
                 [0.0, 0.0, 0.0, 0.0],
             ]
         )
-        power = expm(block)
+        power: Array = np.asarray(expm(block), dtype=float)
         return power[:2, :2], power[:2, 2], power[:2, 3]
 
     def _states(self, start: Array, end: Array | None) -> tuple[Array, Array]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import sympy as sp
@@ -19,6 +20,7 @@ from foundation.errors import DivergenceError, ExcitationError
 from identification.estimate import Estimate, ParameterEstimate
 from identification.regressors.regression import Regression
 from identification.regressors.signals import Rows
+from identification.regressors.sympy_fold import names_of
 
 Array = NDArray[np.float64]
 
@@ -89,7 +91,7 @@ def solve(
     # Residuals depend on the weights and the weights on residuals; three rounds settle both.
     for _ in range(_WEIGHTINGS):
         stacked = np.vstack([w * f for w, f in zip(weights, factors, strict=True)])
-        triangle = np.linalg.qr(stacked, "r")
+        triangle: Array = np.asarray(np.linalg.qr(stacked, "r"))
         factor, target = triangle[:, :k], triangle[:, k]
         fitted = seen.fitted(factor)
         values = _fit(regression, factor, target, start, fitted)
@@ -184,7 +186,7 @@ class _Seen:
         # At a parameter of 0 a product of two shows neither: look at a point in general position.
         general = {name: start[name] if start[name] != 0 else 1.0 for name in names}
         self._jacobian = regression.lump_jacobian(general)
-        below = {s.name for c in regression.columns for s in sp.denom(c.lump).free_symbols}
+        below = names_of(*(sp.denom(c.lump) for c in regression.columns))
         # What others are ratios to is held first, then what was asked for last.
         self._order = sorted(range(len(names)), key=lambda j: (names[j] in below, j))
         # What could be told apart if every column were seen perfectly.
@@ -232,7 +234,7 @@ class _Seen:
             needs = {
                 need
                 for c in self._regression.columns
-                if names[j] in {s.name for s in c.lump.free_symbols}
+                if names[j] in names_of(c.lump)
                 for need in c.needs
             }
             texts.append(
@@ -247,9 +249,7 @@ class _Seen:
                 texts.append(f"{group} cannot be told apart in this record: {held}; {_REMEDY}")
             else:
                 lumps = [
-                    str(c.lump)
-                    for c in self._regression.columns
-                    if names[j] in {s.name for s in c.lump.free_symbols}
+                    str(c.lump) for c in self._regression.columns if names[j] in names_of(c.lump)
                 ]
                 texts.append(
                     f"no record can tell {group} apart, only {_listed(lumps)}: {held}; "
@@ -287,10 +287,17 @@ def _fit(
         # Products of zeros have no slope: start beside them.
         first = np.where(first == 0, 1e-3, first)
         scale = np.linalg.norm(target) or 1.0
-        result = least_squares(
-            lambda p: (factor @ lumps(p) - target) / scale,
+
+        def residual(p: Array) -> Array:
+            return (factor @ lumps(p) - target) / scale
+
+        def slope_of(p: Array) -> Any:
+            return jacobian(p) / scale
+
+        result: Any = least_squares(
+            residual,
             first,
-            jac=lambda p: jacobian(p) / scale,
+            jac=slope_of,  # pyright: ignore[reportArgumentType] - the stubs know only strings
             x_scale="jac",
             xtol=1e-15,
             ftol=1e-15,

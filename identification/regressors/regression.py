@@ -23,7 +23,7 @@ from identification.regressors.implicit_form import (
     implicit_form,
 )
 from identification.regressors.split import ZERO, Split, split
-from identification.regressors.sympy_fold import Sym
+from identification.regressors.sympy_fold import Sym, names_of, symbols_of
 
 _REMEMBERED = 64
 
@@ -79,13 +79,13 @@ class Regression:
     @cached_property
     def parameters(self) -> tuple[str, ...]:
         """Names of the free parameters that occur in lumps, in the order of `free`."""
-        present = {s.name for column in self.columns for s in column.lump.free_symbols}
+        present = names_of(*(column.lump for column in self.columns))
         return tuple(name for name in self.free if name in present)
 
     @cached_property
     def differenced(self) -> tuple[str, ...]:
         """Rates that a term needs and no channel shows."""
-        needed: set[Sym] = set().union(*(term.signals for term in self.terms))
+        needed = symbols_of(*(phi for t in self.terms for phi in (t.phi2, t.phi1, t.phi0)))
         return tuple(
             c.rate.name
             for c in self.coordinates
@@ -106,9 +106,9 @@ class Regression:
         """Parameters a, b with ∂²lump/∂a∂b ≠ 0 (a alone where the square bends)."""
         found: set[frozenset[str]] = set()
         for lump in (column.lump for column in self.columns if not column.lump.is_Symbol):
-            for a in lump.free_symbols:
+            for a in symbols_of(lump):
                 slope = sp.diff(lump, a)
-                found |= {frozenset((a.name, b.name)) for b in slope.free_symbols}
+                found |= {frozenset((a.name, b)) for b in names_of(slope)}
         return found
 
     def lumps(self, values: Mapping[str, float]) -> NDArray[np.float64]:
@@ -204,7 +204,7 @@ def _derive(
     controls = (*form.inputs, form.time)
     linear = linear_form(form.equations, form.free, numbers, controls)
     columns, known = _split_all(linear, form, use_rates)
-    present = {s for equation in form.equations for s in equation.free_symbols}
+    present = symbols_of(*form.equations)
     return Regression(
         coordinates=form.coordinates,
         inputs=form.inputs,

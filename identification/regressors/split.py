@@ -24,7 +24,7 @@ from sympy.integrals.manualintegrate import manualintegrate
 
 from foundation.errors import UnsupportedModelError
 from identification.regressors.implicit_form import Coordinate
-from identification.regressors.sympy_fold import Sym
+from identification.regressors.sympy_fold import Sym, symbols_of
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class Split:
     @cached_property
     def signals(self) -> frozenset[Sym]:
         """The symbols that have to be known to evaluate it."""
-        return frozenset(self.phi2.free_symbols | self.phi1.free_symbols | self.phi0.free_symbols)
+        return symbols_of(self.phi2, self.phi1, self.phi0)
 
 
 ZERO = Split(sp.S.Zero, sp.S.Zero, sp.S.Zero, sp.S.Zero)
@@ -106,7 +106,7 @@ class _Motion:
         leading = [sp.diff(e, a) for a in self.a]
         allowed = {*self.q, *self.moving}
         for a, factor in zip(self.a, leading, strict=True):
-            strangers = factor.free_symbols - allowed
+            strangers = symbols_of(factor) - allowed
             if strangers:
                 names = ", ".join(sorted(s.name for s in strangers))
                 raise UnsupportedModelError(
@@ -137,7 +137,7 @@ class _Motion:
 
     def _lower(self, f: Sym, leave: Collection[Sym] = ()) -> tuple[Sym, Sym]:
         """Return F(q) and a rest with f = d/dt F + rest; rates in `leave` stay in the rest."""
-        linear = [sp.S.Zero for _ in self.q]
+        linear: list[Sym] = [sp.S.Zero for _ in self.q]
         rest: list[Sym] = []
         rates, positions = set(self.w), set(self.q)
         for term in sp.Add.make_args(sp.expand(f)):

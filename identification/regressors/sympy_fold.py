@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
@@ -38,19 +39,52 @@ def exact(value: float) -> Sym:
     return sp.Rational(Fraction(repr(float(value))))
 
 
+def symbols_of(*expressions: Sym) -> frozenset[Sym]:
+    """Return the symbols that occur in any of the expressions."""
+    found: set[Sym] = set()
+    for expression in expressions:
+        found |= expression.free_symbols
+    return frozenset(found)
+
+
+def names_of(*expressions: Sym) -> frozenset[str]:
+    """Return the names of the symbols that occur in any of the expressions."""
+    return frozenset(symbol.name for symbol in symbols_of(*expressions))
+
+
 def _if(condition: Sym, yes: Sym, no: Sym) -> Sym:
     return sp.Piecewise((yes, condition), (no, True))
 
 
+def _first(a: Sym, _: Sym) -> Sym:
+    return a
+
+
+def _second(_: Sym, b: Sym) -> Sym:
+    return b
+
+
+def _same(a: Sym) -> Sym:
+    return a
+
+
+def _mod(a: Sym, b: Sym) -> Sym:
+    return a - sp.floor(a / b) * b
+
+
+def _log10(a: Sym) -> Sym:
+    return sp.log(a) / sp.log(10)
+
+
 _BY_HAND: Mapping[str, Callable[..., Sym]] = {
-    "negate": lambda a: -a,
+    "negate": operator.neg,
     "not": sp.Not,
-    "add": lambda a, b: a + b,
-    "subtract": lambda a, b: a - b,
-    "multiply": lambda a, b: a * b,
-    "element_multiply": lambda a, b: a * b,
-    "divide": lambda a, b: a / b,
-    "power": lambda a, b: a**b,
+    "add": operator.add,
+    "subtract": operator.sub,
+    "multiply": operator.mul,
+    "element_multiply": operator.mul,
+    "divide": operator.truediv,
+    "power": operator.pow,
     "and": sp.And,
     "or": sp.Or,
     "less": sp.Lt,
@@ -63,12 +97,12 @@ _BY_HAND: Mapping[str, Callable[..., Sym]] = {
     "abs": sp.Abs,
     "min": sp.Min,
     "max": sp.Max,
-    "smooth": lambda _, a: a,
-    "no_event": lambda a: a,
-    "mod": lambda a, b: a - sp.floor(a / b) * b,
-    "homotopy": lambda actual, _: actual,
+    "smooth": _second,
+    "no_event": _same,
+    "mod": _mod,
+    "homotopy": _first,
     "ceil": sp.ceiling,
-    "log10": lambda a: sp.log(a) / sp.log(10),
+    "log10": _log10,
 }
 
 _TRIGONOMETRIC = ("sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sinh", "cosh", "tanh")
@@ -116,13 +150,13 @@ class SympyFold:
                 return sp.true if value else sp.false
             case Literal(value=value):
                 return exact(value)
-            case Operation(operator=operator, operands=operands):
-                if operator not in OPERATORS:
+            case Operation(operator=name, operands=operands):
+                if name not in OPERATORS:
                     raise UnsupportedModelError(
-                        f"the operator '{operator}' has no symbolic form",
+                        f"the operator '{name}' has no symbolic form",
                         remedy="use --method output-error, or rewrite the equation without it",
                     )
-                return OPERATORS[operator](*(self(operand) for operand in operands))
+                return OPERATORS[name](*(self(operand) for operand in operands))
             case Relation(comparison=comparison):
                 return self(comparison)
             case Symbol() | Derivative() | Previous() | Delayed() | Time():
