@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from scipy import signal, stats
@@ -149,9 +150,7 @@ def _worst(
     scaled = np.where(prediction.scored[:, None], scaled, 0.0)
     scaled = np.where(np.isfinite(scaled), scaled, 1e6)
     edges = np.linspace(0, n, min(_SPANS, n) + 1).astype(int)
-    energy = np.array(
-        [np.mean(scaled[b:e] ** 2) for b, e in zip(edges[:-1], edges[1:], strict=True)]
-    )
+    energy = np.array([np.mean(scaled[b:e] ** 2) for b, e in pairwise(edges)])
     failures: list[Failure] = []
     taken = np.zeros(len(energy), dtype=bool)
     for _ in range(_SHOWN):

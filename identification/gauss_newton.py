@@ -173,7 +173,7 @@ def _eliminate(gram: Matrix, score: Vector, nx: int, damping: float) -> tuple[Ma
     # The small ridge only matters for a state that this window cannot see.
     states = gram[:nx, :nx] + np.diag((1e-12 + damping) * diagonal + 1e-300)
     solved = np.linalg.solve(states, np.column_stack([gram[:nx, nx:], score[:nx]]))
-    return solved[:, :-1], solved[:, -1]
+    return solved[:, :-1].astype(np.float64), solved[:, -1].astype(np.float64)
 
 
 def _diverged(ny: int, ns: int) -> Linearised:
@@ -233,7 +233,7 @@ def fit(
     )
     point = _Point(dict(values), x0, linearise(problem, shooting, windows, x0, values, sd))
     if not np.isfinite(point.at.cost):
-        return _finish(problem, names, chosen, point, sd, converged=False)
+        return _finish(names, chosen, point, sd, converged=False)
     converged, damping = False, 1e-4
     for _ in range(iterations):
         if fixed_sd is None:
@@ -258,7 +258,7 @@ def fit(
         if drop < tolerance and not moved_sd:
             converged = True
             break
-    return _finish(problem, names, chosen, point, sd, converged=converged)
+    return _finish(names, chosen, point, sd, converged=converged)
 
 
 def _bounds(problem: Problem, names: Sequence[str]) -> tuple[Vector, Vector]:
@@ -320,7 +320,6 @@ def _step(
 
 
 def _finish(
-    problem: Problem,
     names: Sequence[str],
     chosen: NDArrayBool,
     point: _Point,

@@ -1,4 +1,4 @@
-"""Blocked cross-validation inside the fitted record: is a term worth having on data it has not seen?
+"""Blocked cross-validation inside the fitted record: does a term predict what it has not seen?
 
 The record is cut into short windows, dealt into contiguous blocks. Each block in turn is left out,
 both models are fitted to the rest, and both simulate the left-out windows with the parameters so

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 
-from fmus.dae import Dae, Variable
+from fmus.dae import Variable
 from fmus.frontend import load
 from fmus.sources import ModelicaSource
 from foundation.errors import UnknownNameError
@@ -45,6 +45,8 @@ class Effect:
         kind: `rotational`, `translational` or `signal`.
         description: The class's one line.
         parameters: Its tunable parameters.
+        defaults: Their values, at which the effect is absent.
+        delays: It has a memory of its input (`delay`).
     """
 
     class_name: str
@@ -52,6 +54,7 @@ class Effect:
     description: str
     parameters: tuple[Variable, ...]
     defaults: tuple[float, ...]
+    delays: bool = False
 
     @property
     def name(self) -> str:
@@ -166,12 +169,11 @@ def _read(class_name: str, kind: str, roots: tuple[Path, ...], text: str) -> Eff
         _description(class_name, text, roots),
         tuple(_unprefixed(v) for v in parameters),
         tuple(dae.parameter_values[v.name] for v in parameters),
+        bool(dae.delays),
     )
 
 
 def _unprefixed(variable: Variable) -> Variable:
-    from dataclasses import replace  # noqa: PLC0415
-
     return replace(variable, name=variable.name.removeprefix("effect."))
 
 
@@ -193,11 +195,3 @@ def _description(class_name: str, text: str, roots: tuple[Path, ...]) -> str:
         if found:
             return found[1]
     return ""
-
-
-def load_host(effect: Effect) -> Dae:
-    """Return the flat model of an effect on a bare unit mass (or alone, for a signal)."""
-    host = (
-        f"model EffectHost\n  {effect.class_name} effect;\n  {_HOST[effect.kind]}\nend EffectHost;"
-    )
-    return load(ModelicaSource(host, "EffectHost", "EffectHost.mo", effect.class_name))

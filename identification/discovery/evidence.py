@@ -1,4 +1,4 @@
-"""How much a candidate explains: refitted, its evidence corrected for residuals that have memory."""
+"""How much a refitted candidate explains, corrected for residuals that have memory."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ import numpy as np
 
 from foundation.errors import TwinproofError
 from identification.discovery.extension import Addition, ExtendedModel, extend
-from identification.discovery.scan import Scored, transfer
+from identification.discovery.scan import Scored
+from identification.discovery.transfer import transfer_problem, transfer_states
 from identification.experiment import Experiment
 from identification.gauss_newton import Fit, fit
 from identification.problem import Matrix, Vector
-from identification.windows import guess_states
 
 _WORKERS = 2
 # A parameter that cannot start at its neutral value (a bound, or a flat cost) starts from these
@@ -95,7 +95,7 @@ def refit(model: ExtendedModel, experiment: Experiment, base: Fit, scored: Score
         bigger.parameter_of(addition, p): value
         for p, value in zip(addition.effect.main_parameters, scored.values.values(), strict=True)
     }
-    problem = transfer(experiment.problem, bigger, base.values, model, added=predicted)
+    problem = transfer_problem(experiment.problem, bigger, base.values, model, added=predicted)
     larger = Experiment.of(problem)
     starts = [predicted]
     nominal = {
@@ -146,20 +146,9 @@ def _at_bound(model: ExtendedModel, addition: Addition, parameter: str, value: f
 
 def _fit_from(larger: Experiment, smaller: Experiment, base: Fit, start: dict[str, float]) -> Fit:
     windows = smaller.windows
-    x0 = carry_states(larger, smaller, base.x0)
+    x0 = transfer_states(larger.problem, larger.shooting, windows, smaller, base.x0)
     values = {**larger.problem.values, **start}
     return fit(larger.problem, larger.shooting, windows, x0, values)
-
-
-def carry_states(larger: Experiment, smaller: Experiment, x0: Matrix) -> Matrix:
-    """Return (windows, nx) initial states of an extended model: its own, where it is new."""
-    guesses = guess_states(larger.problem, larger.shooting, smaller.windows)
-    old = {n.removeprefix("plant."): i for i, n in enumerate(smaller.shooting.state_names)}
-    for j, name in enumerate(larger.shooting.state_names):
-        i = old.get(name.removeprefix("plant."))
-        if i is not None:
-            guesses[:, j] = x0[:, i]
-    return guesses
 
 
 def log_evidence(base: Fit, better: Fit) -> tuple[float, float]:

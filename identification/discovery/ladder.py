@@ -10,12 +10,12 @@ from identification.comparison import Comparison, compare
 from identification.discovery.crossvalidation import Verdict
 from identification.discovery.diagnosis import Diagnosis, Outcome, diagnose
 from identification.discovery.extension import Addition, ExtendedModel, extend
-from identification.discovery.scan import transfer
+from identification.discovery.transfer import transfer_problem
+from identification.estimators.start import best_start
 from identification.experiment import Experiment
 from identification.gauss_newton import Fit
-from identification.prediction import WINDOW, Prediction, choose_horizon
+from identification.prediction import WINDOW, Prediction, choose_horizon, noise_estimate
 from identification.problem import Problem, Vector
-from identification.estimators.start import best_start
 
 Progress = Callable[[str], None]
 
@@ -56,13 +56,16 @@ class Improvement:
         outcome: What remains, as a diagnosis of the last model.
         steps: From the user's model up.
         horizon: Window length [s]; None for the free simulation.
-        noise_floor: Channel → error that a perfect model would show.
+        noise_floor: Channel → error that a perfect model would show at this horizon: the sensors'
+            noise, and what initial states estimated from noisy samples make of it.
+        sensor_noise: Channel → standard deviation of the sensor's noise alone.
     """
 
     outcome: Outcome
     steps: tuple[Step, ...]
     horizon: float | None
     noise_floor: Mapping[str, float]
+    sensor_noise: Mapping[str, float]
 
     @property
     def added(self) -> tuple[Addition, ...]:
@@ -132,7 +135,8 @@ def improve(
         chosen_horizon = horizon
     steps = _score(rungs, problem, holdout, chosen_horizon)
     floor = dict(zip(problem.output_names, steps[-1].train.prediction.floor.tolist(), strict=True))
-    return Improvement(last.diagnosis.outcome, steps, chosen_horizon, floor)
+    noise = dict(zip(problem.output_names, noise_estimate(problem).tolist(), strict=True))
+    return Improvement(last.diagnosis.outcome, steps, chosen_horizon, floor, noise)
 
 
 def _score(
@@ -147,7 +151,9 @@ def _score(
         unseen: Comparison | None = None
         contradicted = False
         if holdout is not None:
-            record = transfer(replace(holdout, free=problem.free), rung.model, fit.values, user)
+            record = transfer_problem(
+                replace(holdout, free=problem.free), rung.model, fit.values, user
+            )
             other = rung.experiment.on(record)
             unseen = compare(record, other.shooting, other.predict(fit.values, horizon, sd=fit.sd))
             # Judged over short windows, like the cross-validation that let the step in: a free

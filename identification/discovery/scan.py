@@ -14,14 +14,14 @@ import numpy as np
 
 from fmus.places import Place, places
 from fmus.sources import ModelicaSource
-from foundation.errors import TwinproofError, UnsupportedModelError
+from foundation.errors import UnsupportedModelError
 from identification.discovery.effects import find_effects
 from identification.discovery.extension import Addition, ExtendedModel, extend
+from identification.discovery.transfer import flat_name, transfer_problem, transfer_states
 from identification.experiment import Experiment
 from identification.gauss_newton import Fit, Linearised, linearise
-from identification.problem import Matrix, Problem, Vector, fitted_by_default
+from identification.problem import Problem, Vector
 from identification.shooting import Shooting
-from identification.windows import guess_states
 
 # Share of a candidate's raw information that must be left once parameters and initial states have
 # had theirs; below it the candidate is a copy of what the model already has.
@@ -85,7 +85,7 @@ def scan(
     problem = experiment.problem
     have = {a.label for a in model.additions} | set(exclude)
     wanted = [a for a in candidates(model.base, problem.output_names) if a.label not in have]
-    testable, skipped = _testable(model, wanted, problem)
+    testable, skipped = _testable(wanted)
     whole = extend(
         model.base,
         [*model.additions, *testable],
@@ -93,12 +93,12 @@ def scan(
         name=f"{model.base.short_name}_all",
     )
     mains = [(a, [whole.parameter_of(a, p) for p in a.effect.main_parameters]) for a in testable]
-    base_names = {_renamed(whole, model, name): name for name in fit.free if name not in fit.held}
+    base_names = {flat_name(whole, model, name): name for name in fit.free if name not in fit.held}
     sensitive = [*base_names, *(name for _, names in mains for name in names)]
-    whole_problem = transfer(problem, whole, fit.values, model)
+    whole_problem = transfer_problem(problem, whole, fit.values, model)
     shooting = Shooting(whole.dae, problem.output_names, sensitive)
     windows = experiment.windows
-    x0 = _transfer_states(whole_problem, shooting, experiment, fit.x0, windows)
+    x0 = transfer_states(whole_problem, shooting, windows, experiment, fit.x0)
     at = linearise(whole_problem, shooting, windows, x0, whole_problem.values, fit.sd)
     scored = [
         _score(whole_problem, at, len(base_names), sensitive, addition, names)
@@ -108,93 +108,18 @@ def scan(
     return Scan(tuple(kept), skipped)
 
 
-def _testable(
-    model: ExtendedModel, wanted: Sequence[Addition], problem: Problem
-) -> tuple[list[Addition], dict[str, str]]:
+def _testable(wanted: Sequence[Addition]) -> tuple[list[Addition], dict[str, str]]:
     """Leave out what cannot be simulated with sensitivities, with the reason."""
-    del problem
     testable: list[Addition] = []
     skipped: dict[str, str] = {}
     for addition in wanted:
-        if addition.place.kind == "output" and _delays(addition, model):
+        if addition.place.kind == "output" and addition.effect.delays:
             skipped[addition.label] = (
                 "a delayed sensor has no sensitivities yet; a first-order lag stands for it"
             )
         else:
             testable.append(addition)
     return testable, skipped
-
-
-def _delays(addition: Addition, model: ExtendedModel) -> bool:
-    from identification.discovery.effects import load_host  # noqa: PLC0415
-
-    del model
-    return bool(load_host(addition.effect).delays)
-
-
-def transfer(
-    problem: Problem,
-    model: ExtendedModel,
-    values: Mapping[str, float],
-    previous: ExtendedModel,
-    *,
-    added: Mapping[str, float] | None = None,
-) -> Problem:
-    """Return the same record for an extended model, with the previous model's values.
-
-    Args:
-        problem: Of the previous model.
-        model: The extended model.
-        values: Of the previous model's parameters, by its own names.
-        previous: The previous model.
-        added: Values of new parameters, by the extended model's names.
-    """
-    from dataclasses import replace  # noqa: PLC0415
-
-    dae = model.dae
-    independent = {
-        v.name: dae.parameter_values[v.name]
-        for v in dae.parameters
-        if v.name not in dae.dependent_parameters and v.role.value == "parameter"
-    }
-    carried = {_renamed(model, previous, name): value for name, value in values.items()}
-    independent.update({k: v for k, v in carried.items() if k in independent})
-    independent.update(added or {})
-    base_free = {_renamed(model, previous, name) for name in problem.free}
-    known = set(problem.values)
-    free = tuple(
-        name
-        for name in fitted_by_default(dae)
-        # What the user asked to hold stays held; what is new is free.
-        if name in base_free or _renamed(previous, model, name) not in known
-    )
-    return replace(problem, dae=dae, free=free, values=independent)
-
-
-def _renamed(to: ExtendedModel, source: ExtendedModel, name: str) -> str:
-    """Return a variable's flat name in another extension of the same model."""
-    plain = source.user_name(name)
-    for addition in to.additions:
-        if plain.startswith(addition.instance + "."):
-            return to.parameter_of(addition, plain.removeprefix(addition.instance + "."))
-    return plain
-
-
-def _transfer_states(
-    problem: Problem,
-    shooting: Shooting,
-    experiment: Experiment,
-    x0: Matrix,
-    windows: Sequence[object],
-) -> Matrix:
-    del windows
-    guesses = guess_states(problem, shooting, experiment.windows)
-    old = {n.removeprefix("plant."): i for i, n in enumerate(experiment.shooting.state_names)}
-    for j, name in enumerate(shooting.state_names):
-        i = old.get(name.removeprefix("plant."))
-        if i is not None:
-            guesses[:, j] = x0[:, i]
-    return guesses
 
 
 def _score(
@@ -228,6 +153,3 @@ def _score(
 def _gradient(at: Linearised) -> Vector:
     """Return Jᵀr with the initial states eliminated (scores summed over blocks)."""
     return np.sum(at.scores, axis=0)
-
-
-__all__ = ["Scan", "Scored", "TwinproofError", "candidates", "scan", "transfer"]

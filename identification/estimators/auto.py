@@ -8,9 +8,9 @@ from typing import ClassVar
 from identification.estimate import Estimate
 from identification.estimators.base import Estimator
 from identification.estimators.output_error import estimate_of
+from identification.estimators.start import best_start
 from identification.experiment import Experiment
 from identification.problem import Problem
-from identification.estimators.start import best_start
 
 
 class Auto(Estimator):

@@ -1,4 +1,4 @@
-"""Where a fit starts: the declared values, or what filtered regression says, whichever is better."""
+"""Where a fit starts: the declared values or those of filtered regression, whichever is better."""
 
 from __future__ import annotations
 

@@ -1,0 +1,88 @@
+"""From one extension of a model to another: the same record, values and states under new names."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+from fmus.dae import Role
+from identification.discovery.extension import ExtendedModel
+from identification.experiment import Experiment
+from identification.problem import Matrix, Problem, fitted_by_default
+from identification.shooting import Shooting
+from identification.windows import Window, guess_states
+
+
+def flat_name(model: ExtendedModel, previous: ExtendedModel, name: str) -> str:
+    """Return the flat name that a variable of `previous` has in `model`."""
+    plain = previous.user_name(name)
+    for addition in model.additions:
+        prefix = f"{addition.instance}."
+        if plain.startswith(prefix):
+            return model.parameter_of(addition, plain.removeprefix(prefix))
+    return plain
+
+
+def transfer_problem(
+    problem: Problem,
+    model: ExtendedModel,
+    values: Mapping[str, float],
+    previous: ExtendedModel,
+    *,
+    added: Mapping[str, float] | None = None,
+) -> Problem:
+    """Return the same record for another extension of the model.
+
+    Args:
+        problem: Of the previous model.
+        model: The other extension.
+        values: Of the previous model's parameters, by its own names.
+        previous: The previous model.
+        added: Values of new parameters, by the new model's names.
+    """
+    dae = model.dae
+    independent = {
+        v.name: dae.parameter_values[v.name]
+        for v in dae.with_role(Role.PARAMETER)
+        if v.name not in dae.dependent_parameters
+    }
+    carried = {flat_name(model, previous, name): value for name, value in values.items()}
+    independent.update({k: v for k, v in carried.items() if k in independent})
+    independent.update(added or {})
+    # What the user asked to hold stays held; what is new is free.
+    base_free = {flat_name(model, previous, name) for name in problem.free}
+    known = {flat_name(model, previous, name) for name in problem.values}
+    free = tuple(
+        name
+        for name in independent
+        if name in base_free or (name in fitted_by_default(dae) and name not in known)
+    )
+    return replace(problem, dae=dae, free=free, values=independent)
+
+
+def transfer_states(
+    problem: Problem,
+    shooting: Shooting,
+    windows: Sequence[Window],
+    previous: Experiment,
+    x0: Matrix,
+) -> Matrix:
+    """Return (windows, nx) initial states: the previous model's, and guesses for new ones.
+
+    Args:
+        problem, shooting: The other extension.
+        windows: Of both.
+        previous: The previous model on the same record.
+        x0: (windows, nx) its initial states.
+    """
+    states = guess_states(problem, shooting, windows)
+    old = {_plain(name): i for i, name in enumerate(previous.shooting.state_names)}
+    for j, name in enumerate(shooting.state_names):
+        i = old.get(_plain(name))
+        if i is not None:
+            states[:, j] = x0[:, i]
+    return states
+
+
+def _plain(name: str) -> str:
+    return name.removeprefix("plant.")

@@ -1,0 +1,220 @@
+"""What can be done with a model alone: `export`, `check`, `simulate`, `places`, `effects`."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import click
+import numpy as np
+import pandas as pd
+from rich.table import Table
+
+from fmus.checking import check_fmu
+from fmus.package import export as export_fmu
+from fmus.running import Fmu, simulate_model
+from foundation.errors import InputError
+from foundation.files import written_whole
+from identification.discovery.effects import find_effects
+from recordings import load as load_recording
+from twinproof import documents
+from twinproof.cli.options import (
+    Output,
+    data_options,
+    json_option,
+    modelica_path_option,
+    param_option,
+    parse_params,
+)
+from twinproof.model import Model
+
+
+@click.command()
+@click.argument("model")
+@click.option(
+    "-o",
+    "output_path",
+    required=True,
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="F.fmu",
+    help="The FMU to write.",
+)
+@click.option("--target", default="linux64", show_default=True, help="Platform of the binary.")
+@param_option
+@modelica_path_option
+@json_option
+def export(
+    model: str,
+    output_path: Path,
+    target: str,
+    params: tuple[str, ...],
+    modelica_path: tuple[Path, ...],
+    json_path: str | None,
+) -> None:
+    """Translate MODEL to an FMU (FMI 2.0, Co-Simulation and Model Exchange).
+
+    \b
+    Example:
+      twinproof export Twinproof.Plants.WheeledPendulum -o pendulum.fmu
+    """
+    output = Output(json_path)
+    chosen = Model.of(model, modelica_path)
+    result = export_fmu(chosen.source, output_path, parameters=parse_params(params), target=target)
+    output.console.print(
+        f"{result.fmu}: FMI {result.fmi}, {result.variables} variables, {result.seconds:.2f} s",
+        soft_wrap=True,
+    )
+    output.document(
+        documents.document(
+            "export",
+            {
+                "fmu": str(result.fmu),
+                "fmi": result.fmi,
+                "sha256": result.sha256,
+                "variables": result.variables,
+                "seconds": result.seconds,
+            },
+        )
+    )
+
+
+@click.command()
+@click.argument("fmu", type=click.Path(path_type=Path, dir_okay=False), metavar="F.fmu")
+@json_option
+@click.pass_context
+def check(context: click.Context, fmu: Path, json_path: str | None) -> None:
+    """Try an FMU against a conformance list; exit status 1 if a line fails.
+
+    \b
+    Example:
+      twinproof check pendulum.fmu
+    """
+    output = Output(json_path)
+    checks = check_fmu(fmu)
+    table = Table("check", "", "seen")
+    for line in checks:
+        table.add_row(line.name, "pass" if line.ok else "[bold]FAIL[/bold]", line.detail)
+    output.console.print(table)
+    output.document(
+        documents.document(
+            "check",
+            {"checks": [{"name": c.name, "ok": c.ok, "detail": c.detail} for c in checks]},
+        )
+    )
+    if not all(line.ok for line in checks):
+        context.exit(1)
+
+
+@click.command()
+@click.argument("model")
+@click.option("--input", "input_data", metavar="DATA", help="Recording that drives the inputs.")
+@click.option("--stop", type=float, metavar="S", help="End of the simulation [s].")
+@click.option("--step", type=float, metavar="S", help="Step of the result [s].")
+@click.option(
+    "-o",
+    "output_path",
+    required=True,
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="F.csv",
+    help="The CSV to write.",
+)
+@data_options
+@param_option
+@modelica_path_option
+@json_option
+def simulate(
+    model: str,
+    input_data: str | None,
+    stop: float | None,
+    step: float | None,
+    output_path: Path,
+    channel_map: Path | None,
+    dbc: Path | None,
+    params: tuple[str, ...],
+    modelica_path: tuple[Path, ...],
+    json_path: str | None,
+) -> None:
+    """Run MODEL (Modelica or FMU) and write its outputs as CSV.
+
+    \b
+    Example:
+      twinproof simulate Twinproof.Plants.Pendulum --param theta_start=0.5 --stop 5 -o swing.csv
+    """
+    output = Output(json_path)
+    inputs = None
+    if input_data is not None:
+        recording = load_recording(
+            input_data, variables=_inputs(model, modelica_path), channel_map=channel_map, dbc=dbc
+        )
+        inputs = (recording.time, {n: c.values for n, c in recording.channels.items()})
+    began = time.perf_counter()
+    run = simulate_model(
+        model,
+        roots=tuple(modelica_path),
+        inputs=inputs,
+        parameters=parse_params(params),
+        stop=stop,
+        step=step,
+    )
+    seconds = time.perf_counter() - began
+    frame = pd.DataFrame({"time": run.time, **run.columns})
+    if not np.all(np.isfinite(frame.to_numpy())):
+        raise InputError(
+            "the simulation left the finite numbers",
+            where=model,
+            remedy="check parameters and inputs, or stop earlier",
+        )
+    with written_whole(output_path) as beside:
+        frame.to_csv(beside, index=False)
+    output.console.print(f"{output_path}: {len(frame)} rows, {seconds:.2f} s", soft_wrap=True)
+    output.document(documents.document("simulate", {"rows": len(frame), "seconds": seconds}))
+
+
+def _inputs(model: str, modelica_path: tuple[Path, ...]) -> dict[str, str]:
+    if model.endswith(".fmu"):
+        with Fmu(Path(model)) as fmu:
+            return {v.name: v.unit for v in fmu.description.inputs}
+    return {v.name: v.unit for v in Model.of(model, modelica_path).dae.inputs}
+
+
+@click.command()
+@click.argument("model")
+@modelica_path_option
+@json_option
+def places(model: str, modelica_path: tuple[Path, ...], json_path: str | None) -> None:
+    """Where effects can act on MODEL, with units.
+
+    \b
+    Example:
+      twinproof places Twinproof.Plants.WheeledPendulum
+    """
+    output = Output(json_path)
+    found = Model.of(model, modelica_path).places
+    table = Table("place", "kind", "unit", "what")
+    for place in found:
+        table.add_row(place.name, place.kind, place.unit, place.description)
+    output.console.print(table)
+    output.document(documents.places(found))
+
+
+@click.command()
+@modelica_path_option
+@json_option
+def effects(modelica_path: tuple[Path, ...], json_path: str | None) -> None:
+    """Which effects there are.
+
+    \b
+    Example:
+      twinproof effects
+    """
+    output = Output(json_path)
+    # Any class will do: what counts are the libraries.
+    source = Model.of("Twinproof.Plants.Positioner", modelica_path).source
+    found = find_effects(source)
+    table = Table("effect", "kind", "main parameters", "what it is")
+    for effect in found:
+        table.add_row(
+            effect.name, effect.kind, ", ".join(effect.main_parameters), effect.description
+        )
+    output.console.print(table)
+    output.document(documents.effects(found))

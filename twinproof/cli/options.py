@@ -1,0 +1,133 @@
+"""Options that several commands share, and what a command prints where."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+from rich.console import Console
+
+from foundation.errors import InputError
+from foundation.files import write_text
+from twinproof.documents import Document, dumps
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+json_option = click.option(
+    "--json", "json_path", metavar="FILE", help="Write the result as JSON ('-': standard output)."
+)
+report_option = click.option(
+    "--report",
+    "report_dir",
+    type=click.Path(path_type=Path, file_okay=False),
+    metavar="DIR",
+    help="Write DIR/report.html, a self-contained page with pictures.",
+)
+modelica_path_option = click.option(
+    "--modelica-path",
+    "modelica_path",
+    multiple=True,
+    metavar="DIR",
+    type=click.Path(path_type=Path, exists=True, file_okay=False),
+    help="Folder of a further Modelica library; may be repeated.",
+)
+param_option = click.option(
+    "--param",
+    "params",
+    multiple=True,
+    metavar="K=V",
+    help="Value of a parameter in place of the declared one; may be repeated.",
+)
+horizon_option = click.option(
+    "--horizon",
+    default="auto",
+    show_default=True,
+    metavar="auto|free|S",
+    help="Free simulation, or windows of S seconds; auto: free where it stays bounded, else 1 s.",
+)
+free_option = click.option(
+    "--free", metavar="P,…", help="Parameters to fit; by default all that are not declared known."
+)
+
+
+def data_options(function: F) -> F:
+    """Add `--map` and `--dbc`."""
+    path = click.Path(path_type=Path, dir_okay=False)
+    function = click.option(
+        "--dbc", type=path, metavar="FILE", help="DBC file that describes a CAN log."
+    )(function)
+    return click.option(
+        "--map",
+        "channel_map",
+        type=path,
+        metavar="FILE.toml",
+        help="Which column or signal is which variable, with unit and sensor.",
+    )(function)
+
+
+def parse_params(params: tuple[str, ...]) -> dict[str, float]:
+    """Read `K=V` words.
+
+    Raises:
+        InputError: A word is not of that form.
+    """
+    values: dict[str, float] = {}
+    for word in params:
+        name, _, number = word.partition("=")
+        try:
+            values[name] = float(number)
+        except ValueError:
+            raise InputError(
+                f"'{word}' is not NAME=NUMBER", where="--param", remedy="write it like M=95.1"
+            ) from None
+    return values
+
+
+def parse_names(text: str | None) -> tuple[str, ...] | None:
+    """Read a comma-separated list; None stays None."""
+    if text is None:
+        return None
+    return tuple(name.strip() for name in text.split(",") if name.strip())
+
+
+class Output:
+    """Where a command's results go: tables to people, JSON to scripts, progress to a terminal.
+
+    Args:
+        json_path: `-`: only JSON on standard output; a file: tables on standard output as well.
+    """
+
+    def __init__(self, json_path: str | None = None) -> None:
+        self._json_path = json_path
+        self.console = Console(quiet=json_path == "-", highlight=False)
+        self._errors = Console(stderr=True, highlight=False)
+
+    def document(self, value: Document) -> None:
+        """Write the JSON document, if one was asked for."""
+        if self._json_path == "-":
+            sys.stdout.write(dumps(value))
+        elif self._json_path is not None:
+            write_text(Path(self._json_path), dumps(value))
+
+    def note(self, text: str) -> None:
+        """Say something on standard error."""
+        self._errors.print(f"twinproof: {text}", soft_wrap=True, markup=False)
+
+    @contextmanager
+    def progress(self) -> Generator[Callable[[str], None]]:
+        """Show what is being done, on a terminal only."""
+        if not self._errors.is_terminal:
+            yield lambda _: None
+            return
+        with self._errors.status("starting") as status:
+            yield status.update
+
+
+def command_line() -> str:
+    """Return the command as typed, for "how to repeat this"."""
+    return "twinproof " + " ".join(shlex.quote(word) for word in sys.argv[1:])

@@ -1,0 +1,87 @@
+"""What `improve` leaves in a folder."""
+
+from __future__ import annotations
+
+import csv
+import io
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+from fmus.package import export
+from foundation.files import write_text
+from identification.discovery.ladder import Step
+from modelica import LIBRARY
+from twinproof.api import Improved
+from twinproof.report import write_improvement as write_report
+
+
+def write_improvement(
+    result: Improved, folder: Path, *, command: str, progress: Callable[[str], None]
+) -> dict[int, tuple[str, str]]:
+    """Write every step's `.mo` and `.fmu`, `ladder.csv`, `report.html` and `repeat.sh`.
+
+    The library that the models extend is put beside them, so the folder can be handed on.
+
+    Args:
+        result: The finished ladder.
+        folder: Created if need be; files of the same names are replaced.
+        command: That repeats it.
+        progress: Told what is being done.
+
+    Returns:
+        Step → (model file, FMU file).
+
+    Raises:
+        OSError: The folder cannot be written.
+        CompilerError: An FMU cannot be compiled.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    shutil.copytree(LIBRARY, folder / LIBRARY.name, dirs_exist_ok=True)
+    files: dict[int, tuple[str, str]] = {}
+    for step in result.improvement.steps:
+        progress(f"exporting step {step.number}")
+        model_path = folder / f"{step.model.name}.mo"
+        fmu_path = folder / f"{step.model.name}.fmu"
+        write_text(model_path, step.model.source.text)
+        export(step.model.source, fmu_path)
+        files[step.number] = (str(model_path), str(fmu_path))
+    write_text(folder / "ladder.csv", _ladder_csv(result))
+    write_text(folder / "repeat.sh", f"#!/bin/sh\n{command}\n")
+    progress("drawing the report")
+    write_report(
+        result.improvement,
+        result.problem,
+        result.holdout,
+        folder / "report.html",
+        command=command,
+        notes=result.problem.notes,
+    )
+    return files
+
+
+def _ladder_csv(result: Improved) -> str:
+    names = list(result.improvement.noise_floor)
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    sides = ("train", "holdout")
+    writer.writerow(
+        [
+            "step",
+            "added",
+            *(f"{side}_{name}_rmse" for side in sides for name in names),
+            "train_nrmse",
+            "holdout_nrmse",
+        ]
+    )
+    for step in result.improvement.steps:
+        writer.writerow(_row(step, names))
+    return text.getvalue()
+
+
+def _row(step: Step, names: list[str]) -> list[object]:
+    row: list[object] = [step.number, "" if step.added is None else step.added.label]
+    for comparison in (step.train, step.holdout):
+        row += ["" if comparison is None else comparison.channels[name].rmse for name in names]
+    row += [step.train.nrmse, "" if step.holdout is None else step.holdout.nrmse]
+    return row
