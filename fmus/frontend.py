@@ -15,11 +15,13 @@ from fmus import lint
 from fmus.aliases import without_aliases
 from fmus.dae import Dae
 from fmus.expressions import Literal
+from fmus.modelica_text import class_spans, without_comments_and_strings
 from fmus.reader import Reader
 from fmus.sources import ModelicaSource, library_roots
 from foundation.errors import ModelicaError, UnsupportedModelError
 
 _POSITION = re.compile(r"\[(?P<file>[^\[\]:]+):(?P<line>\d+):(?P<column>\d+)\]")
+_DOTTED = re.compile(r"[A-Za-z_]\w*(?:\.\w+)+")
 _QUOTED = re.compile(r"'([^']+)'|`([^`]+)`")
 
 
@@ -48,9 +50,8 @@ def _load(source: ModelicaSource) -> Dae:
     lint.check_text(source)
     compiled = _compile(source)
     dae = Reader(source.short_name, source.file_name, compiled.dae, compiled.flat).read()
-    reduced = without_aliases(dae)
-    lint.check_model(source, reduced)
-    return reduced
+    lint.check_model(source, dae, compiled.flat["variables"].keys())
+    return without_aliases(dae)
 
 
 @dataclass(frozen=True)
@@ -66,10 +67,10 @@ def _compile(source: ModelicaSource) -> _Compiled:
         model = session.loads(source.text, model=source.class_name, filename=source.file_name)
         return _Compiled(json.loads(model.to_json("dae")), json.loads(model.to_json("flat")))
     except rumoca.RumocaError as error:
-        raise ModelicaError(*_explain(source, str(error))) from error
+        raise _explain(source, str(error)) from error
 
 
-def _explain(source: ModelicaSource, text: str) -> tuple[str]:
+def _explain(source: ModelicaSource, text: str) -> ModelicaError:
     """Turn the front end's message into one line that starts with file:line:column."""
     first = text.splitlines()[0].strip()
     where = _POSITION.search(text)
@@ -85,18 +86,31 @@ def _explain(source: ModelicaSource, text: str) -> tuple[str]:
         place = _search_identifier(source, first)
     message = re.sub(r"^\S+ could not be compiled: |^\w+ failed: \S+ failed in \w+: ", "", first)
     message = _POSITION.sub("", message).strip()
-    return (f"{place}: {message}",)
+    balance = re.match(r"unbalanced model: (\d+) equations, (\d+) unknowns", message)
+    if balance is not None:
+        return ModelicaError(
+            f"{place}: {source.short_name} has {balance[1]} equations for {balance[2]} unknowns",
+            remedy="connect every input, and give each variable exactly one equation",
+        )
+    return ModelicaError(f"{place}: {message}")
 
 
 def _search_identifier(source: ModelicaSource, message: str) -> str:
-    for quoted in _QUOTED.finditer(message):
-        name = (quoted[1] or quoted[2]).rpartition(".")[2]
-        found = re.search(rf"\b{re.escape(name)}\b", source.text)
+    """Find what a message without position talks about: quoted or dotted names, else the class."""
+    text = without_comments_and_strings(source.text)
+    quoted = [(match[1] or match[2]).rpartition(".")[2] for match in _QUOTED.finditer(message)]
+    dotted = [
+        path.rsplit(".", k)[0] for path in _DOTTED.findall(message) for k in range(path.count("."))
+    ]
+    spans = {name: begin for name, begin, _ in class_spans(text)}
+    offset = spans.get(source.class_name, 0)
+    for name in (*quoted, *dotted):
+        found = re.search(rf"\b{re.escape(name)}\b", text)
         if found is not None and name != source.short_name:
-            line = source.text.count("\n", 0, found.start()) + 1
-            column = found.start() - source.text.rfind("\n", 0, found.start())
-            return f"{source.file_name}:{line}:{column}"
-    return f"{source.file_name}:1:1"
+            offset = found.start()
+            break
+    line = text.count("\n", 0, offset) + 1
+    return f"{source.file_name}:{line}:{offset - text.rfind(chr(10), 0, offset)}"
 
 
 def with_values(dae: Dae, values: Mapping[str, float]) -> Dae:
