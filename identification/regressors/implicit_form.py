@@ -7,6 +7,7 @@ accelerations: that would divide by parameters.
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -83,13 +84,16 @@ def implicit_form(
     residuals, rates = _kinematics(residuals, reader)
     algebraic = [reader.symbol(v.name) for v in dae.with_role(Role.ALGEBRAIC)]
     parameters = frozenset(reader.free)
-    residuals, solved = _eliminate(residuals, algebraic, parameters)
+    inputs = tuple(reader.symbol(v.name) for v in dae.inputs)
+    residuals, solved = _simplest(residuals, algebraic, parameters, frozenset(inputs))
     readings = _readings(reader, solved, measured)
     coordinates, hidden = _coordinates(reader, rates, readings, residuals)
     unknown = {*hidden, *reader.opaque, *(z for z in algebraic if z not in solved)}
     equations = [r for r in residuals if not r.free_symbols & unknown]
     highest = {c.rate if c.acceleration is None else c.acceleration for c in coordinates}
-    if len(equations) != len(coordinates):
+    dropped = [r for r in residuals if r.free_symbols & unknown]
+    # An unmeasured part that moves nothing else may go, unless it is to be fitted.
+    if len(equations) != len(coordinates) or any(r.free_symbols & parameters for r in dropped):
         raise _hidden(reader, hidden, unknown, residuals)
     for equation in equations:
         if not equation.free_symbols & highest:
@@ -97,13 +101,11 @@ def implicit_form(
             raise UnsupportedModelError(
                 f"an equation of {dae.name} constrains {', '.join(names)} without their "
                 "derivatives, so the coordinates are not independent",
-                where=dae.name,
                 remedy=f"choose independent coordinates, or {_REMEDY}",
             )
     if dae.reinits or dae.when_equations:
         raise UnsupportedModelError(
             f"{dae.name} changes its states at events, which no filter of the record can follow",
-            where=dae.name,
             remedy=_REMEDY,
         )
     differenced = [c.rate.name for c in coordinates if c.rate not in readings]
@@ -113,7 +115,7 @@ def implicit_form(
     )
     return ImplicitForm(
         coordinates=coordinates,
-        inputs=tuple(reader.symbol(v.name) for v in dae.inputs),
+        inputs=inputs,
         time=reader.time,
         free=reader.free,
         equations=tuple(equations),
@@ -197,20 +199,44 @@ def _kinematics(residuals: Sequence[Sym], reader: _Reader) -> tuple[list[Sym], d
     return [r.xreplace(new) for r in rest], rates
 
 
+def _simplest(
+    residuals: Sequence[Sym],
+    unknowns: Sequence[Sym],
+    parameters: frozenset[Sym],
+    inputs: frozenset[Sym],
+) -> tuple[list[Sym], dict[Sym, Sym]]:
+    """Eliminate in two orders and keep the one with fewer products of parameters.
+
+    A force can be taken from the law that makes it or from a balance that holds it. The one leaves
+    every input in its own equation, the other multiplies inputs by the parameters of the next.
+    """
+    found = [_eliminate(residuals, unknowns, parameters, last) for last in (frozenset(), inputs)]
+
+    def products(pair: tuple[list[Sym], dict[Sym, Sym]]) -> int:
+        terms: list[Sym] = [t for e in pair[0] for t in sp.Add.make_args(sp.expand(e))]
+        return len({t.as_independent(*parameters, as_Add=False)[1] for t in terms})
+
+    return min(found, key=products)
+
+
 def _eliminate(
-    residuals: Sequence[Sym], unknowns: Iterable[Sym], parameters: frozenset[Sym]
+    residuals: Sequence[Sym],
+    unknowns: Iterable[Sym],
+    parameters: frozenset[Sym],
+    inputs: frozenset[Sym],
 ) -> tuple[list[Sym], dict[Sym, Sym]]:
     """Solve for algebraic variables that occur linearly; return what is left and the solutions.
 
     A numeric coefficient is taken first, then one of parameters only (the division is cleared
     later), then one that depends on signals but not on parameters (it may vanish somewhere, so
-    it comes last).
+    it comes last). Among equals, equations that hold one of `inputs` come last, and small ones
+    first.
     """
     equations = list(residuals)
     pending = set(unknowns)
     solved: dict[Sym, Sym] = {}
     while pending:
-        best = _cheapest(equations, pending, parameters)
+        best = _cheapest(equations, pending, parameters, inputs)
         if best is None:
             break
         index, unknown, coefficient = best
@@ -225,10 +251,14 @@ def _eliminate(
 
 
 def _cheapest(
-    equations: Sequence[Sym], pending: set[Sym], parameters: frozenset[Sym]
+    equations: Sequence[Sym],
+    pending: set[Sym],
+    parameters: frozenset[Sym],
+    inputs: frozenset[Sym],
 ) -> tuple[int, Sym, Sym] | None:
-    found: list[tuple[int, int, int, str, Sym, Sym]] = []
+    found: list[tuple[int, bool, int, int, str, Sym, Sym]] = []
     for index, equation in enumerate(equations):
+        driven = bool(equation.free_symbols & inputs)
         for unknown in equation.free_symbols & pending:
             coefficient = sp.diff(equation, unknown).expand()
             symbols = coefficient.free_symbols
@@ -243,10 +273,10 @@ def _cheapest(
             else:
                 continue
             size = int(sp.count_ops(equation))
-            found.append((kind, size, index, unknown.name, unknown, coefficient))
+            found.append((kind, driven, size, index, unknown.name, unknown, coefficient))
     if not found:
         return None
-    _, _, index, _, unknown, coefficient = min(found, key=lambda row: row[:4])
+    _, _, _, index, _, unknown, coefficient = min(found, key=operator.itemgetter(slice(5)))
     return index, unknown, coefficient
 
 
@@ -326,6 +356,4 @@ def _hidden(
             f"the equations of {reader.dae.name} cannot be solved symbolically for "
             f"{', '.join(algebraic) or 'its algebraic variables'}"
         )
-    return UnsupportedModelError(
-        what, where=reader.dae.name, remedy=f"record it, or {_REMEDY}" if names else _REMEDY
-    )
+    return UnsupportedModelError(what, remedy=f"record it, or {_REMEDY}" if names else _REMEDY)

@@ -7,7 +7,7 @@ import time
 import numpy as np
 import pytest
 import sympy as sp
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from fmus.casadi_expressions import OPERATORS as CASADI_OPERATORS
@@ -51,18 +51,19 @@ def vanishes(expression):
 
 # --- Folding --------------------------------------------------------------------------------------
 
-UNARY = ["negate", "abs", "no_event", "sign", "floor", "ceil", "sqrt", "log", "log10"] + (
-    "sin cos tan asin acos atan sinh cosh tanh exp".split()
-)
-BINARY = "add subtract multiply element_multiply divide power min max mod atan2 smooth".split()
-COMPARISONS = "less less_equal greater greater_equal equal not_equal".split()
+UNARY = ("negate", "abs", "no_event", "sign", "floor", "ceil", "sqrt", "log", "log10", "exp")
+ANGLES = ("sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh")
+ARITHMETIC = ("add", "subtract", "multiply", "divide", "power", "min", "max", "mod", "atan2")
+BINARY = (*ARITHMETIC, "element_multiply", "element_divide", "element_power", "smooth", "homotopy")
+COMPARISONS = ("less", "less_equal", "greater", "greater_equal", "equal", "not_equal")
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=10, deadline=None)
 @given(a=st.floats(0.01, 0.99), b=st.floats(0.01, 0.99))
 def test_every_operator_means_what_it_means_to_casadi(a, b):
-    operations = [Operation(name, (Symbol("a"),)) for name in UNARY]
-    operations += [Operation(name, (Symbol("a"), Symbol("b"))) for name in (*BINARY, "homotopy")]
+    assume(abs(a / b - round(a / b)) > 1e-6)  # beside the jumps of mod
+    operations = [Operation(name, (Symbol("a"),)) for name in (*UNARY, *ANGLES)]
+    operations += [Operation(name, (Symbol("a"), Symbol("b"))) for name in BINARY]
     for name in COMPARISONS:
         condition = Operation(name, (Symbol("a"), Symbol("b")))
         both = Operation("and", (condition, Operation("not", (condition,))))
@@ -80,7 +81,7 @@ def test_every_operator_means_what_it_means_to_casadi(a, b):
 
 
 def test_an_unknown_operator_is_refused():
-    with pytest.raises(UnsupportedModelError, match="'bessel'.*output-error"):
+    with pytest.raises(UnsupportedModelError, match=r"'bessel'.*output-error"):
         SympyFold(lambda leaf: leaf)(Operation("bessel", (Literal(1),)))
 
 
@@ -217,11 +218,9 @@ def test_only_ratios_to_an_unknown_gain():
     assert "only ratios to gtau are determined" in regression.notes
 
 
-NINE = (
-    ["CoulombFriction", "StribeckFriction", "AsymmetricViscousFriction", "QuadraticDrag"]
-    + ["AsymmetricCoulombFriction", "ConstantTorque", "ViscousFriction", "LinearSpring"]
-    + ["CubicSpring"]
-)
+FRICTION = ("CoulombFriction", "StribeckFriction", "AsymmetricViscousFriction", "ViscousFriction")
+OTHERS = ("QuadraticDrag", "AsymmetricCoulombFriction", "ConstantTorque", "LinearSpring")
+NINE = (*FRICTION, *OTHERS, "CubicSpring")
 
 
 def test_effects_are_columns_of_their_own_and_quickly_derived():
@@ -285,7 +284,8 @@ FURUTA = """model A
   parameter Real J0 = 0.004; parameter Real m1 = 0.03; parameter Real l0 = 0.15;
   parameter Real l1 = 0.14; parameter Real J1 = 2e-4; parameter Real d0 = 0.02;
   parameter Real d1 = 1e-4; parameter Real K = 0.1;
-  input Real u; output Real alpha(start = 0, fixed = true); output Real beta(start = 0.3, fixed = true);
+  input Real u;
+  output Real alpha(start = 0, fixed = true); output Real beta(start = 0.3, fixed = true);
   Real wa(start = 0, fixed = true); Real wb(start = 0, fixed = true); Real Jr; Real tau;
 equation
   der(alpha) = wa; der(beta) = wb; Jr = J1 + m1*l1^2; tau = K*u - d0*wa;
@@ -320,10 +320,10 @@ end A;"""
 
 def test_internal_forces_are_eliminated():
     regression = derived(model(CART))
-    M, m, l, J = symbols("M m l J")
+    M, m, length, J = symbols("M m l J")
     found = [c.lump for c in regression.columns]
     assert len(found) == 3
-    assert all(any(vanishes(f - e) for f in found) for e in (M + m, l * m, J + l**2 * m))
+    assert all(any(vanishes(f - e) for f in found) for e in (M + m, length * m, J + length**2 * m))
 
 
 def test_an_algebraic_behind_a_parameter_is_divided_out():
@@ -413,7 +413,7 @@ HEAD = (
         (
             HEAD + "Real i(start = 0, fixed = true); "
             "equation der(q) = w; 0.1*der(i) = u - i; J*der(w) + k*q = i; end A;",
-            "i of A is neither recorded nor the rate of a recorded one.*record it, or use --method",
+            "i of A is neither recorded nor the rate of a recorded one.*record it, or use",
         ),
         (
             HEAD + "equation der(q) = w; J*der(w) + k*delay(q, 0.1) = u; end A;",
@@ -424,7 +424,7 @@ HEAD = (
             "multiplied by u.*use --method output-error",
         ),
         (
-            HEAD + "Real z; equation der(q) = w; J*der(w) + k*z = u; z^3 + z = q; end A;",
+            HEAD + "Real z; equation der(q) = w; J*der(w) + k*z^3 = u; z^3 + z = q; end A;",
             "cannot be solved symbolically for z; use --method output-error",
         ),
         (
@@ -444,7 +444,7 @@ def test_what_has_no_regression_is_refused_with_reason_and_remedy(text, reason):
 
 
 def test_a_position_that_is_not_recorded_is_named():
-    with pytest.raises(UnsupportedModelError, match="theta and omega of Pendulum|theta of"):
+    with pytest.raises(UnsupportedModelError, match=r"omega and theta of Pendulum are neither"):
         derived(plant("Pendulum"), measured=["omega"])
 
 
