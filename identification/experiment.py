@@ -100,8 +100,3 @@ class Experiment:
     def on(self, problem: Problem) -> Experiment:
         """Return the same compiled model on another record."""
         return Experiment(problem, self.shooting)
-
-
-def longest(fits: Sequence[Fit]) -> Fit:
-    """Return the fit with the longest windows."""
-    return fits[-1]

@@ -19,7 +19,7 @@ from identification.problem import Vector
 
 SHORTLIST = 8
 _TRIALS = 3
-# Candidates this close in evidence to the best are not told apart by this record [nats].
+# Candidates this close in merit to the best are not told apart by this record [nats].
 _TIE = 3.0
 _AT_FLOOR = 1.1
 _CHANCE_GAIN = 3.0
@@ -118,9 +118,10 @@ def diagnose(
         *(_row(r) for r in refits),
         *(_unrefitted(s, fit) for s in scanned.scored if s.addition.label not in refitted),
     )
-    ties = _ties(refits, chosen)
+    rivals = _rivals(refits, chosen)
+    ties = (tuple(r.addition.label for r in rivals),) if rivals else ()
     return Diagnosis(
-        _outcome(chosen, ties, fit, noise, experiment),
+        _outcome(chosen, rivals, fit, noise, experiment),
         ranking,
         ties,
         chosen,
@@ -167,22 +168,22 @@ def _unrefitted(scored: Scored, fit: Fit) -> Ranked:
     )
 
 
-def _ties(refits: tuple[Refit, ...], chosen: Refit | None) -> tuple[tuple[str, ...], ...]:
+def _rivals(refits: tuple[Refit, ...], chosen: Refit | None) -> tuple[Refit, ...]:
+    """Return the candidates that this record does not tell from the chosen one, itself included."""
     if chosen is None:
         return ()
-    near = [r.addition.label for r in refits if abs(r.evidence - chosen.evidence) <= _TIE]
-    return (tuple(near),) if len(near) > 1 else ()
+    near = tuple(r for r in refits if abs(r.merit - chosen.merit) <= _TIE)
+    return near if len(near) > 1 else ()
 
 
 def _outcome(
-    chosen: Refit | None,
-    ties: tuple[tuple[str, ...], ...],
-    fit: Fit,
-    noise: Vector,
-    experiment: Experiment,
+    chosen: Refit | None, rivals: tuple[Refit, ...], fit: Fit, noise: Vector, experiment: Experiment
 ) -> Outcome:
     if chosen is not None:
-        return Outcome.UNDETERMINED if ties else Outcome.EFFECT
+        # A rival with more parameters loses to the simpler law; an equal one does not.
+        size = len(chosen.addition.values)
+        equal = any(r is not chosen and len(r.addition.values) <= size for r in rivals)
+        return Outcome.UNDETERMINED if equal else Outcome.EFFECT
     # Below this the integration's own error and the recording's digits begin.
     smallest = _NUMERICAL * np.std(experiment.problem.outputs, axis=0)
     if np.all(fit.at.rms <= _AT_FLOOR * np.fmax(noise, smallest)):

@@ -26,7 +26,9 @@ def list_command(json_path: str | None) -> None:
     """
     output = Output(json_path)
     sets = list_sets()
-    table = Table("name", "what", "licence", "origin")
+    table = Table()
+    for heading in ("name", "what", "licence", "origin"):
+        table.add_column(heading, overflow="fold")
     for s in sets:
         table.add_row(s.name, s.title, s.licence, s.repository)
     output.console.print(table)

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import shlex
 from importlib.resources import as_file, files
 from pathlib import Path
 
 import click
 
-from twinproof import api, documents
-from twinproof.cli.journey import show_improvement
-from twinproof.cli.options import Output, json_option
+from recordings import Recording
+from twinproof.api import read_recording
+from twinproof.cli.journey import run_improvement
+from twinproof.cli.options import Output, Request, json_option
 from twinproof.model import Model
-from twinproof.results import write_improvement
 
 MODEL = "Twinproof.Plants.WheeledPendulum"
 
@@ -34,37 +35,23 @@ def demo(output_dir: Path, json_path: str | None) -> None:
     Example:
       twinproof demo -o demo-out
     """
-    output = Output(json_path)
-    with as_file(files("twinproof") / "demo_data") as folder, output.progress() as progress:
+    with as_file(files("twinproof") / "demo_data") as folder:
         chosen = Model.of(MODEL)
-        words = [
-            "twinproof",
-            "improve",
-            MODEL,
-            str(folder / "balancing.blf"),
-            "--holdout",
-            str(folder / "held_out.blf"),
-            "--map",
-            str(folder / "channels.toml"),
-            "--dbc",
-            str(folder / "wheeled_pendulum.dbc"),
-            "-o",
-            str(output_dir),
-        ]
-        fitted, unseen = (
-            api.read_recording(
-                folder / name,
-                chosen,
-                channel_map=folder / "channels.toml",
-                dbc=folder / "wheeled_pendulum.dbc",
-            )
-            for name in ("balancing.blf", "held_out.blf")
+        channel_map, dbc = folder / "channels.toml", folder / "wheeled_pendulum.dbc"
+
+        def read(name: str) -> Recording:
+            return read_recording(folder / name, chosen, channel_map=channel_map, dbc=dbc)
+
+        request = Request(chosen, read("balancing.blf"), {}, None, read, Output(json_path))
+        request.output.note(
+            f"{request.recording.duration:.0f} s of CAN log from a machine that balances on its "
+            "wheels; the model of it lacks something"
         )
-        output.note(
-            f"{fitted.duration:.0f} s of CAN log from a pendulum balancing on its wheels; "
-            "its model lacks something"
+        command = shlex.join(
+            [
+                *("twinproof", "improve", MODEL, str(folder / "balancing.blf")),
+                *("--holdout", str(folder / "held_out.blf"), "--map", str(channel_map)),
+                *("--dbc", str(dbc), "-o", str(output_dir)),
+            ]
         )
-        result = api.improve(chosen, fitted, unseen, progress=progress)
-        written = write_improvement(result, output_dir, command=" ".join(words), progress=progress)
-    show_improvement(output, result, output_dir)
-    output.document(documents.improved(result, written))
+        run_improvement(request, read("held_out.blf"), output_dir, command)

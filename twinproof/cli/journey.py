@@ -10,27 +10,21 @@ from foundation.files import write_text
 from identification.discovery.diagnosis import Outcome
 from identification.discovery.extension import text_diff
 from identification.estimators import ESTIMATORS
+from recordings import Recording
 from twinproof import api, documents
 from twinproof.cli import tables
 from twinproof.cli.options import (
     Output,
+    Request,
     command_line,
-    data_options,
-    free_option,
     horizon_option,
+    journey,
     json_option,
     modelica_path_option,
-    param_option,
-    parse_names,
-    parse_params,
     report_option,
 )
 from twinproof.model import Model
-from twinproof.report import (
-    write_comparison,
-    write_diagnosis,
-    write_identification,
-)
+from twinproof.report import write_comparison, write_diagnosis, write_identification
 from twinproof.results import write_improvement
 
 SAID = {
@@ -43,35 +37,20 @@ SAID = {
 
 
 @click.command()
-@click.argument("model")
-@click.argument("data")
-@data_options
-@param_option
+@journey
 @horizon_option
-@modelica_path_option
-@json_option
 @report_option
-def compare(
-    model: str,
-    data: str,
-    channel_map: Path | None,
-    dbc: Path | None,
-    params: tuple[str, ...],
-    horizon: str,
-    modelica_path: tuple[Path, ...],
-    json_path: str | None,
-    report_dir: Path | None,
-) -> None:
+def compare(request: Request, horizon: str, report_dir: Path | None) -> None:
     """How well MODEL explains DATA, and where it fails.
 
     \b
     Example:
       twinproof compare Twinproof.Plants.Positioner emps --report out
     """
-    output = Output(json_path)
-    chosen = Model.of(model, modelica_path)
-    recording = api.read_recording(data, chosen, channel_map=channel_map, dbc=dbc)
-    result = api.compare(chosen, recording, parameters=parse_params(params), horizon=horizon)
+    output = request.output
+    result = api.compare(
+        request.model, request.recording, parameters=request.parameters, horizon=horizon
+    )
     output.console.print(tables.channels(result.comparison, result.horizon))
     output.console.print(tables.failures(result.comparison))
     if report_dir is not None:
@@ -82,8 +61,7 @@ def compare(
 
 
 @click.command()
-@click.argument("model")
-@click.argument("data")
+@journey
 @click.option(
     "--method",
     default="auto",
@@ -91,41 +69,22 @@ def compare(
     metavar="M",
     help="One of: " + ", ".join(ESTIMATORS) + ".",
 )
-@free_option
-@data_options
-@param_option
 @horizon_option
-@modelica_path_option
-@json_option
 @report_option
-def identify(
-    model: str,
-    data: str,
-    method: str,
-    free: str | None,
-    channel_map: Path | None,
-    dbc: Path | None,
-    params: tuple[str, ...],
-    horizon: str,
-    modelica_path: tuple[Path, ...],
-    json_path: str | None,
-    report_dir: Path | None,
-) -> None:
+def identify(request: Request, method: str, horizon: str, report_dir: Path | None) -> None:
     """Fit MODEL's parameters to DATA, with standard deviations.
 
     \b
     Example:
       twinproof identify Twinproof.Plants.Positioner emps --method output-filter
     """
-    output = Output(json_path)
-    chosen = Model.of(model, modelica_path)
-    recording = api.read_recording(data, chosen, channel_map=channel_map, dbc=dbc)
+    output = request.output
     result = api.identify(
-        chosen,
-        recording,
+        request.model,
+        request.recording,
         method=method,
-        free=parse_names(free),
-        parameters=parse_params(params),
+        free=request.free,
+        parameters=request.parameters,
         horizon=horizon,
     )
     output.console.print(tables.parameters(result.estimate))
@@ -144,40 +103,22 @@ def identify(
 
 
 @click.command()
-@click.argument("model")
-@click.argument("data")
-@free_option
-@data_options
-@param_option
-@modelica_path_option
-@json_option
+@journey
 @report_option
-def diagnose(
-    model: str,
-    data: str,
-    free: str | None,
-    channel_map: Path | None,
-    dbc: Path | None,
-    params: tuple[str, ...],
-    modelica_path: tuple[Path, ...],
-    json_path: str | None,
-    report_dir: Path | None,
-) -> None:
+def diagnose(request: Request, report_dir: Path | None) -> None:
     """Fit MODEL to DATA and find which physical effect it lacks.
 
     \b
     Example:
       twinproof diagnose Twinproof.Plants.Positioner emps --json -
     """
-    output = Output(json_path)
-    chosen = Model.of(model, modelica_path)
-    recording = api.read_recording(data, chosen, channel_map=channel_map, dbc=dbc)
+    output = request.output
     with output.progress() as progress:
         result = api.diagnose(
-            chosen,
-            recording,
-            parameters=parse_params(params),
-            free=parse_names(free),
+            request.model,
+            request.recording,
+            parameters=request.parameters,
+            free=request.free,
             progress=progress,
         )
     found = result.diagnosis
@@ -234,7 +175,8 @@ def extend(
     """
     output = Output(json_path)
     chosen = Model.of(model, modelica_path)
-    extended = api.extend(chosen, additions, name=_class_name(output_path))
+    stem = output_path.stem
+    extended = api.extend(chosen, additions, name=stem if stem.isidentifier() else None)
     difference = text_diff(chosen.source, extended)
     write_text(output_path, extended.source.text)
     output.console.print(difference, markup=False, soft_wrap=True)
@@ -245,13 +187,8 @@ def extend(
     )
 
 
-def _class_name(path: Path) -> str | None:
-    return path.stem if path.stem.isidentifier() else None
-
-
 @click.command()
-@click.argument("model")
-@click.argument("data")
+@journey
 @click.option(
     "--holdout",
     required=True,
@@ -274,25 +211,9 @@ def _class_name(path: Path) -> str | None:
     metavar="N",
     help="Add at most N effects.",
 )
-@free_option
-@data_options
-@param_option
 @horizon_option
-@modelica_path_option
-@json_option
 def improve(
-    model: str,
-    data: str,
-    holdout: str,
-    output_dir: Path,
-    max_effects: int,
-    free: str | None,
-    channel_map: Path | None,
-    dbc: Path | None,
-    params: tuple[str, ...],
-    horizon: str,
-    modelica_path: tuple[Path, ...],
-    json_path: str | None,
+    request: Request, holdout: str, output_dir: Path, max_effects: int, horizon: str
 ) -> None:
     """Compare, diagnose, add, refit, step by step; score on unseen data once at the end.
 
@@ -300,31 +221,37 @@ def improve(
     Example:
       twinproof improve Twinproof.Plants.Positioner emps --holdout emps-pulses -o out
     """
-    output = Output(json_path)
-    chosen = Model.of(model, modelica_path)
-    recording = api.read_recording(data, chosen, channel_map=channel_map, dbc=dbc)
-    unseen = api.read_recording(holdout, chosen, channel_map=channel_map, dbc=dbc)
+    run_improvement(
+        request, request.read(holdout), output_dir, command_line(), max_effects, horizon
+    )
+
+
+def run_improvement(
+    request: Request,
+    unseen: Recording,
+    folder: Path,
+    command: str,
+    max_effects: int = 4,
+    horizon: str = "auto",
+) -> None:
+    """Improve a model, write the folder, print the ladder, the verdict and where the report is."""
+    output = request.output
     with output.progress() as progress:
         result = api.improve(
-            chosen,
-            recording,
+            request.model,
+            request.recording,
             unseen,
             max_effects=max_effects,
-            parameters=parse_params(params),
-            free=parse_names(free),
+            parameters=request.parameters,
+            free=request.free,
             horizon=horizon,
             progress=progress,
         )
-        files = write_improvement(result, output_dir, command=command_line(), progress=progress)
-    show_improvement(output, result, output_dir)
-    output.document(documents.improved(result, files))
-
-
-def show_improvement(output: Output, result: api.Improved, folder: Path) -> None:
-    """Print the ladder, the verdict and where the report is."""
+        files = write_improvement(result, folder, command=command, progress=progress)
     found = result.improvement
     output.console.print(tables.ladder(found))
     if not found.added:
         output.console.print("nothing was added")
     output.console.print(f"[bold]{found.outcome.value}[/bold]: {SAID[found.outcome]}")
     output.console.print(f"report: {folder / 'report.html'}", soft_wrap=True)
+    output.document(documents.improved(result, files))

@@ -211,7 +211,9 @@ def effects(modelica_path: tuple[Path, ...], json_path: str | None) -> None:
     # Any class will do: what counts are the libraries.
     source = Model.of("Twinproof.Plants.Positioner", modelica_path).source
     found = find_effects(source)
-    table = Table("effect", "kind", "main parameters", "what it is")
+    table = Table()
+    for heading in ("effect", "kind", "main parameters", "what it is"):
+        table.add_column(heading, overflow="fold")
     for effect in found:
         table.add_row(
             effect.name, effect.kind, ", ".join(effect.main_parameters), effect.description

@@ -6,6 +6,8 @@ import shlex
 import sys
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import wraps
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -14,7 +16,12 @@ from rich.console import Console
 
 from foundation.errors import InputError
 from foundation.files import write_text
+from recordings import Recording
+from twinproof.api import read_recording
 from twinproof.documents import Document, dumps
+from twinproof.model import Model
+
+_PIPE_WIDTH = 150
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -95,6 +102,66 @@ def parse_names(text: str | None) -> tuple[str, ...] | None:
     return tuple(name.strip() for name in text.split(",") if name.strip())
 
 
+@dataclass(frozen=True)
+class Request:
+    """A model, a recording in its names and units, and how to go about them.
+
+    Attributes:
+        model: The MODEL.
+        recording: The DATA.
+        parameters: From `--param`.
+        free: From `--free`; None for the default choice.
+        read: Reads another recording with the same channel map and DBC.
+        output: Where results go.
+    """
+
+    model: Model
+    recording: Recording
+    parameters: dict[str, float]
+    free: tuple[str, ...] | None
+    read: Callable[[str], Recording]
+    output: Output
+
+
+def journey(function: Callable[..., None]) -> Callable[..., None]:
+    """Give a command MODEL, DATA and the options around them, handed over as one `Request`."""
+
+    @wraps(function)
+    def command(
+        model: str,
+        data: str,
+        channel_map: Path | None,
+        dbc: Path | None,
+        params: tuple[str, ...],
+        free: str | None,
+        modelica_path: tuple[Path, ...],
+        json_path: str | None,
+        **rest: Any,
+    ) -> None:
+        chosen = Model.of(model, modelica_path)
+
+        def read(word: str) -> Recording:
+            return read_recording(word, chosen, channel_map=channel_map, dbc=dbc)
+
+        request = Request(
+            chosen, read(data), parse_params(params), parse_names(free), read, Output(json_path)
+        )
+        function(request, **rest)
+
+    options = (
+        click.argument("data"),
+        click.argument("model"),
+        data_options,
+        free_option,
+        param_option,
+        modelica_path_option,
+        json_option,
+    )
+    for option in options:
+        command = option(command)
+    return command
+
+
 class Output:
     """Where a command's results go: tables to people, JSON to scripts, progress to a terminal.
 
@@ -104,7 +171,9 @@ class Output:
 
     def __init__(self, json_path: str | None = None) -> None:
         self._json_path = json_path
-        self.console = Console(quiet=json_path == "-", highlight=False)
+        # A pipe or a file has no width of its own: wide enough that no name is cut.
+        width = None if sys.stdout.isatty() else _PIPE_WIDTH
+        self.console = Console(quiet=json_path == "-", highlight=False, width=width)
         self._errors = Console(stderr=True, highlight=False)
 
     def document(self, value: Document) -> None:

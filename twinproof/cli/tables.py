@@ -73,7 +73,7 @@ def parameters(estimate: Estimate) -> Table:
     """Return fitted parameters."""
     table = Table(title=f"parameters ({estimate.method})", title_justify="left")
     for heading in ("parameter", "value ± sd", "unit", ""):
-        table.add_column(heading)
+        table.add_column(heading, overflow="fold")
     for name, p in estimate.parameters.items():
         table.add_row(
             name, with_sd(p.value, p.sd), p.unit, "" if p.identifiable else "not identifiable"
