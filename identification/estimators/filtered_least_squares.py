@@ -17,7 +17,7 @@ from identification.regressors.least_squares import noise_share, solve, to_estim
 from identification.regressors.signals import Rows, filtered_rows, signals
 
 _SETTLED = 10.0  # time constants after which unknown initial values have died out
-_CORRELATED = 4.0  # time constants over which filtered residuals are taken as correlated
+_CORRELATED = 8.0  # multiples of τ1 + τ2 over which filtered residuals are taken as correlated
 _TRIED = (1.0, 1 / 3, 3.0, 1 / 9, 9.0)  # time constants, in units of the motion's own
 _CLEAN = 0.05  # noise share at which no other time constant is tried
 _NOISY = 0.1  # noise share beyond which the bias is worth a warning
