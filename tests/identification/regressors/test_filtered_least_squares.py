@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import noise_free as truth
 import numpy as np
 import pytest
-import truth
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
