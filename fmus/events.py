@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 
 from fmus.blocks import solve_blocks
 from fmus.casadi_expressions import SX
-from fmus.dae import Role, WhenEquation
+from fmus.dae import Dae, Role, WhenEquation
 from fmus.explicit import ExplicitModel
-from fmus.expressions import Expression, Operation, Relation, Symbol
+from fmus.expressions import Expression, Literal, Operation, Relation, Symbol, substitute
 from foundation.errors import UnsupportedModelError
 
 
@@ -73,6 +73,35 @@ def event_system(model: ExplicitModel) -> EventSystem:
         fired=fired,
         after=_column([*states, discrete]),
     )
+
+
+def signs_as_relations(dae: Dae) -> Dae:
+    """Return the model with each sign(a) written as two relations, so that its jump is an event.
+
+    The integrator could not step over the jump otherwise, let alone stay on it, as a mass does
+    that dry friction holds.
+    """
+    relations = list(dae.relations)
+
+    def holds(operator: str, operand: Expression) -> Operation:
+        relation = Relation(len(relations), Operation(operator, (operand, Literal(0.0))))
+        relations.append(relation)
+        return Operation("if", (relation, Literal(1.0), Literal(0.0)))
+
+    def replace_sign(node: Expression) -> Expression | None:
+        match node:
+            case Operation(operator="no_event" | "smooth"):
+                return node
+            case Operation(operator="sign", operands=(operand,)):
+                inner = substitute(operand, replace_sign, memo)
+                positive, negative = holds("greater", inner), holds("less", inner)
+                return Operation("subtract", (positive, negative))
+            case _:
+                return None
+
+    memo: dict[int, Expression] = {}
+    residuals = tuple(substitute(r, replace_sign, memo) for r in dae.residuals)
+    return replace(dae, residuals=residuals, relations=tuple(relations))
 
 
 def _column(parts: Sequence[SX]) -> SX:

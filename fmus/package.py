@@ -18,6 +18,7 @@ from fmus.codegen import GUID_MARK, model_header
 from fmus.compiler import compile_library, find_compiler, find_target
 from fmus.dae import Dae
 from fmus.description import fmi2_description, model_identifier
+from fmus.events import signs_as_relations
 from fmus.explicit import explicit
 from fmus.frontend import load, with_values
 from fmus.layout import layout, with_starts
@@ -26,7 +27,7 @@ from foundation.errors import UnknownNameError
 from foundation.files import written_whole
 
 _RUNTIME = Path(__file__).parent / "runtime"
-_CORE = ("core.h", "core.c", "history.c", "events.c", "solver.c")
+_CORE = ("core.h", "core.c", "sliding.c", "history.c", "events.c", "solver.c")
 _FMI2 = ("fmi2.c",)
 # The standard's own header files (BSD licence), as FMPy carries them.
 _FMI2_HEADERS = ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h")
@@ -129,7 +130,7 @@ class _Translation:
 
 def _translate(model: ModelicaSource | Dae, values: Mapping[str, float]) -> _Translation:
     dae = load(model) if isinstance(model, ModelicaSource) else model
-    solved = explicit(_with_defaults(dae, values), freeze_relations=True)
+    solved = explicit(signs_as_relations(_with_defaults(dae, values)), freeze_relations=True)
     variables = layout(solved)
     sources = {name: (_RUNTIME / name).read_text(encoding="utf-8") for name in (*_CORE, *_FMI2)}
     headers = Path(fmpy.__file__).parent / "c-code"

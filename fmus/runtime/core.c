@@ -29,56 +29,12 @@ static Point point_at(Instance *m, double time, const double *states)
         at.inputs[i] = m->now.values[INPUTS + i] + elapsed * m->now.slopes[i];
     memcpy(at.relations, m->now.relations, sizeof at.relations);
     history_lookup(m, &at);
-    if (m->live) {
-        /* Twice: a relation may depend on a variable that depends on another one. */
-        double indicators[ROOM(N_RELATIONS)];
-        for (int pass = 0; pass < 2; pass++) {
-            evaluate_indicators(m, &at, indicators);
-            relations_refresh(m, at.relations, indicators);
-        }
-    }
     return at;
 }
 
 static Point point_now(Instance *m)
 {
     return point_at(m, m->now.values[TIME], m->now.values + STATES);
-}
-
-static void evaluate_derivatives(Instance *m, double time, const double *x, double *derivatives)
-{
-    if (N_STATES > 0) {
-        const Point at = point_at(m, time, x);
-        CALL(model_derivatives, derivatives, AT(m, &at));
-    }
-}
-
-static void instance_reset(Instance *m)
-{
-    memset(m, 0, sizeof *m);
-    m->now.phase = CREATED;
-    m->now.tolerance = DEFAULT_TOLERANCE;
-    memcpy(m->now.values + PARAMETERS, model_start_values, sizeof model_start_values);
-}
-
-static bool is_settable(const Instance *m, size_t value_reference)
-{
-    if (value_reference < PARAMETERS || value_reference >= DERIVATIVES)
-        return false;
-    if (value_reference < INPUTS)
-        return model_is_tunable[value_reference - PARAMETERS];
-    /* States and discrete variables can be given start values, unless these are computed. */
-    if (value_reference >= STATES)
-        return m->now.phase == CREATED || m->now.phase == INITIALISING;
-    return true;
-}
-
-/* Note that the importer has set a value. */
-static void instance_changed(Instance *m)
-{
-    m->now.computed = false;
-    if (m->now.phase == CREATED || m->now.phase == INITIALISING)
-        m->now.started = false;
 }
 
 /* Solve A y = b of order n in place by elimination with row exchange; A is stored by columns. */
@@ -112,6 +68,44 @@ static bool solve_linear(int n, double *A, double *b)
         b[k] /= A[k + k * n];
     }
     return true;
+}
+
+#include "sliding.c"
+
+static void evaluate_derivatives(Instance *m, double time, const double *x, double *derivatives)
+{
+    if (N_STATES > 0) {
+        const Point at = point_at(m, time, x);
+        evaluate(m, model_derivatives, N_STATES, &at, derivatives);
+    }
+}
+
+static void instance_reset(Instance *m)
+{
+    memset(m, 0, sizeof *m);
+    m->now.phase = CREATED;
+    m->now.tolerance = DEFAULT_TOLERANCE;
+    memcpy(m->now.values + PARAMETERS, model_start_values, sizeof model_start_values);
+}
+
+static bool is_settable(const Instance *m, size_t value_reference)
+{
+    if (value_reference < PARAMETERS || value_reference >= DERIVATIVES)
+        return false;
+    if (value_reference < INPUTS)
+        return model_is_tunable[value_reference - PARAMETERS];
+    /* States and discrete variables can be given start values, unless these are computed. */
+    if (value_reference >= STATES)
+        return m->now.phase == CREATED || m->now.phase == INITIALISING;
+    return true;
+}
+
+/* Note that the importer has set a value. */
+static void instance_changed(Instance *m)
+{
+    m->now.computed = false;
+    if (m->now.phase == CREATED || m->now.phase == INITIALISING)
+        m->now.started = false;
 }
 
 /* Find the states that the initial equations leave open, by Newton's method. */
@@ -148,6 +142,7 @@ static bool instance_initialise(Instance *m)
     if (s->started)
         return true;
     double *x = s->values + STATES;
+    s->sliding = 0;
     double started[ROOM(N_STATES + N_DISCRETES)];
     if (N_STATES + N_DISCRETES > 0) {
         CALL(model_start, started, s->values + PARAMETERS, x);
@@ -163,7 +158,7 @@ static bool instance_initialise(Instance *m)
         double before[ROOM(N_RELATIONS)];
         memcpy(before, s->relations, sizeof before);
         evaluate_indicators(m, &at, indicators);
-        relations_refresh(m, s->relations, indicators);
+        relations_refresh(m, indicators);
         if (memcmp(before, s->relations, sizeof before) == 0)
             break;
     }
@@ -186,9 +181,9 @@ static bool instance_compute(Instance *m)
         return true;
     const Point at = point_now(m);
     if (N_STATES > 0)
-        CALL(model_derivatives, s->values + DERIVATIVES, AT(m, &at));
+        evaluate(m, model_derivatives, N_STATES, &at, s->values + DERIVATIVES);
     if (N_OTHERS > 0)
-        CALL(model_others, s->values + OTHERS, AT(m, &at));
+        evaluate(m, model_others, N_OTHERS, &at, s->values + OTHERS);
     s->computed = true;
     return true;
 }

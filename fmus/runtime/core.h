@@ -57,6 +57,13 @@ typedef struct {
     Sample samples[ROOM(N_DELAYS) == N_DELAYS ? HISTORY_ROOM : 1];
 } History;
 
+/* Where the state slides along a switching surface (see sliding.c). */
+typedef struct {
+    int relation;  /* whose indicator stays constant */
+    double level;  /* of the indicator, as sliding began */
+    bool switches[ROOM(N_RELATIONS)]; /* the relations that differ between both sides */
+} Surface;
+
 typedef enum { CREATED, INITIALISING, EVENTS, CONTINUOUS, TERMINATED } Phase;
 
 /* Everything that changes while an instance lives. It holds no pointers: getting, setting and
@@ -70,13 +77,14 @@ typedef struct {
     double tolerance;
     double step;       /* that the integrator tries next; 0 if it does not know yet */
     bool started;      /* states have been computed from start values */
+    int sliding;       /* number of surfaces */
+    Surface surfaces[ROOM(N_RELATIONS)];
     bool computed;     /* values from DERIVATIVES on belong to the others */
     History histories[ROOM(N_DELAYS)];
 } State;
 
 typedef struct {
     State now;
-    bool live;         /* relations are evaluated as the integrator goes (see solver.c) */
     char message[256]; /* what went wrong last */
 } Instance;
 
@@ -117,16 +125,22 @@ static void evaluate_indicators(Instance *m, const Point *at, double *indicators
     &(point)->time, (point)->states, (point)->inputs, (m)->now.values + PARAMETERS,                \
         (m)->now.values + DISCRETES, (point)->delayed, (point)->relations
 
+/* sliding.c */
+static bool is_on_surface(const Instance *m, int relation);
+static void leave_surfaces(Instance *m, const double *indicators);
+static void enter_surface(Instance *m, const double *before, const double *indicators);
+
 /* history.c */
 static void history_reset(Instance *m);
 static void history_record(Instance *m);
+static void history_record_at(Instance *m, double time, const double *states);
 static void history_lookup(Instance *m, Point *at);
 static double history_next_jump(Instance *m);
 static void history_pass_jumps(Instance *m);
 static double history_longest_step(Instance *m);
 
 /* events.c */
-static void relations_refresh(Instance *m, double *relations, const double *indicators);
+static void relations_refresh(Instance *m, const double *indicators);
 static bool relations_switched(Instance *m, double time, const double *states);
 static void event_indicators(Instance *m, double *indicators);
 static bool events_update(Instance *m);

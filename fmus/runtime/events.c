@@ -1,11 +1,11 @@
 /* Relations, when-clauses and their iteration. */
 
-/* The indicator of a relation is positive where it holds. */
-static void relations_refresh(Instance *m, double *relations, const double *indicators)
+/* The indicator of a relation is positive where it holds. On a surface there is nothing to decide. */
+static void relations_refresh(Instance *m, const double *indicators)
 {
-    (void)m;
     for (int i = 0; i < N_RELATIONS; i++)
-        relations[i] = model_is_strict[i] ? indicators[i] > 0 : indicators[i] >= 0;
+        if (!is_on_surface(m, i))
+            m->now.relations[i] = model_is_strict[i] ? indicators[i] > 0 : indicators[i] >= 0;
 }
 
 /* Has any relation switched, at a trial of the integrator? */
@@ -18,9 +18,14 @@ static bool relations_switched(Instance *m, double time, const double *states)
     evaluate_indicators(m, &at, indicators);
     for (int i = 0; i < N_RELATIONS; i++) {
         const bool holds = m->now.relations[i] > 0;
+        if (is_on_surface(m, i))
+            continue;
         if (holds ? indicators[i] < -EVENT_WIDTH : indicators[i] > EVENT_WIDTH)
             return true;
     }
+    for (int k = 0; k < m->now.sliding; k++)
+        if (distance_from(&m->now.surfaces[k], indicators) > SLIDING_WIDTH)
+            return true;
     return false;
 }
 
@@ -29,24 +34,36 @@ static void event_indicators(Instance *m, double *indicators)
 {
     const Point at = point_now(m);
     evaluate_indicators(m, &at, indicators);
-    for (int i = 0; i < N_RELATIONS; i++)
-        indicators[i] += m->now.relations[i] > 0 ? EVENT_WIDTH : -EVENT_WIDTH;
+    double watched[ROOM(N_RELATIONS)];
+    for (int i = 0; i < N_RELATIONS; i++) {
+        const double width = m->now.relations[i] > 0 ? EVENT_WIDTH : -EVENT_WIDTH;
+        /* On a surface nothing switches, except that the surface may be left. */
+        watched[i] = is_on_surface(m, i) ? EVENT_WIDTH : indicators[i] + width;
+    }
+    for (int k = 0; k < m->now.sliding; k++) {
+        const Surface *surface = &m->now.surfaces[k];
+        watched[surface->relation] = SLIDING_WIDTH - distance_from(surface, indicators);
+    }
+    memcpy(indicators, watched, sizeof watched);
 }
 
 /* Event iteration: update relations and fire when-clauses until nothing changes. */
 static bool events_update(Instance *m)
 {
     State *s = &m->now;
-    double indicators[ROOM(N_RELATIONS)], relations[ROOM(N_RELATIONS)];
+    double indicators[ROOM(N_RELATIONS)], relations[ROOM(N_RELATIONS)], before[ROOM(N_RELATIONS)];
     double triggers[ROOM(N_TRIGGERS)], fired[ROOM(N_TRIGGERS)];
     double changed[ROOM(N_STATES + N_DISCRETES)];
+    bool acted = false;
     s->computed = false;
+    memcpy(before, s->relations, sizeof before);
     history_pass_jumps(m);
     for (int pass = 0; pass < 100; pass++) {
         Point at = point_now(m);
         evaluate_indicators(m, &at, indicators);
+        leave_surfaces(m, indicators);
         memcpy(relations, s->relations, sizeof relations);
-        relations_refresh(m, s->relations, indicators);
+        relations_refresh(m, indicators);
         bool settled = memcmp(relations, s->relations, sizeof relations) == 0;
         if (N_TRIGGERS > 0) {
             bool any = false;
@@ -61,9 +78,12 @@ static bool events_update(Instance *m)
                 CALL(model_actions, changed, AT(m, &at), fired);
                 memcpy(s->values + STATES, changed, (N_STATES + N_DISCRETES) * sizeof(double));
                 settled = false;
+                acted = true;
             }
         }
         if (settled) {
+            if (!acted)
+                enter_surface(m, before, indicators);
             history_record(m); /* an operand may have jumped */
             return true;
         }

@@ -44,19 +44,19 @@ static void append(History *h, Sample new, double duration)
     *sample(h, h->count++) = new;
 }
 
-/* Remember the present values of all operands. */
-static void history_record(Instance *m)
+/* Remember the values of all operands at a time and state. */
+static void history_record_at(Instance *m, double time, const double *states)
 {
     if (N_DELAYS == 0)
         return;
     double operands[ROOM(N_DELAYS)], slopes[ROOM(N_DELAYS)], durations[ROOM(N_DELAYS)];
-    const Point at = point_now(m);
+    const Point at = point_at(m, time, states);
     evaluate_delays(m, &at, operands, slopes);
     evaluate_durations(m, durations);
     for (int i = 0; i < N_DELAYS; i++) {
         History *h = &m->now.histories[i];
-        const Sample new = {at.time, operands[i], slopes[i]};
-        if (h->count > 0 && sample(h, h->count - 1)->time >= at.time) {
+        const Sample new = {time, operands[i], slopes[i]};
+        if (h->count > 0 && sample(h, h->count - 1)->time >= time) {
             Sample *newest = sample(h, h->count - 1);
             const double scale = fabs(newest->value) + fabs(new.value);
             /* At the start there is no past that the value could jump from. */
@@ -71,6 +71,11 @@ static void history_record(Instance *m)
             append(h, new, durations[i]);
         }
     }
+}
+
+static void history_record(Instance *m)
+{
+    history_record_at(m, m->now.values[TIME], m->now.values + STATES);
 }
 
 static double hermite(const Sample *a, const Sample *b, double time)

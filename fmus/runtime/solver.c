@@ -24,10 +24,8 @@ static const double DENSE[STAGES] = {-12715105075. / 11282082432,  0,
                                      701980252875. / 199316789632, -1453857185. / 822651844,
                                      69997945. / 29380423};
 
-/* More events than this within one communication step is chattering, as with a sign function that
- * holds a state at its jump: from there on relations follow the trial states of the integrator,
- * whose error control then walks along the jump. */
-enum { EVENTS_BEFORE_LIVE = 50, LONGEST_RUN = 10000000 };
+/* More than this within one communication step is a fault of the model or of its tolerance. */
+enum { MOST_STEPS = 10000000, MOST_EVENTS = 100000 };
 
 typedef struct {
     double stages[STAGES][ROOM(N_STATES)];
@@ -83,6 +81,16 @@ static void interpolate(const Instance *m, const Step *step, double theta, doubl
                           + r * (bend
                                  + theta * (rise - h * step->stages[6][i] - bend
                                             + r * h * sum)));
+    }
+}
+
+/* Delays interpolate between samples: give them some within a step that is long for this. */
+static void record_within(Instance *m, const Step *step)
+{
+    for (int quarter = 1; N_DELAYS > 0 && quarter < 4; quarter++) {
+        double y[ROOM(N_STATES)];
+        interpolate(m, step, quarter / 4., y);
+        history_record_at(m, m->now.values[TIME] + quarter / 4. * step->size, y);
     }
 }
 
@@ -162,7 +170,6 @@ static bool solver_advance(Instance *m, double end)
     double *x = s->values + STATES;
     Step step;
     int events = 0;
-    m->live = false;
 
     /* Inputs may have jumped since the last call. */
     history_pass_jumps(m);
@@ -176,9 +183,12 @@ static bool solver_advance(Instance *m, double end)
         const double jump = history_next_jump(m);
         const double stop = fmin(end, jump), left = stop - time;
         const double tiny = 16 * DBL_EPSILON * fmax(fabs(time), left);
-        if (run == LONGEST_RUN)
+        if (run == MOST_STEPS)
             return fail(m, "more than %d steps since the last communication, at time %.9g",
-                        LONGEST_RUN, time);
+                        MOST_STEPS, time);
+        if (events > MOST_EVENTS)
+            return fail(m, "more than %d events since the last communication, at time %.9g",
+                        MOST_EVENTS, time);
         if (left > 0) {
             if (s->step <= 0)
                 s->step = first_step(m, step.stages[0], left);
@@ -193,7 +203,7 @@ static bool solver_advance(Instance *m, double end)
                 continue;
             }
             const double growth = fmin(5, 0.9 * pow(fmax(error, 1e-8), -0.2));
-            const double theta = m->live || N_RELATIONS == 0 ? 1 : locate_event(m, &step);
+            const double theta = N_RELATIONS == 0 ? 1 : locate_event(m, &step);
             bool stopped = theta == 1 && size == left;
             if (theta < 1) {
                 /* Go to the event by a step of full accuracy rather than by interpolation. */
@@ -202,21 +212,21 @@ static bool solver_advance(Instance *m, double end)
             } else if (size >= s->step || growth < 1) {
                 s->step = size * growth; /* a clipped step says nothing about longer ones */
             }
-            const bool switched = !m->live && relations_switched(m, time + size, step.end);
+            const bool switched = relations_switched(m, time + size, step.end);
+            record_within(m, &step);
             move_to(m, stopped ? stop : time + size);
             memcpy(x, step.end, N_STATES * sizeof(double));
-            if (!(switched || m->live || (stopped && jump <= stop))) {
+            if (!(switched || (stopped && jump <= stop))) {
                 history_record(m);
                 memcpy(step.stages[0], step.stages[STAGES - 1], sizeof step.stages[0]);
                 continue;
             }
-            m->live = m->live || (switched && ++events > EVENTS_BEFORE_LIVE);
+            events++;
         }
         history_record(m); /* left of the event */
         if (!events_update(m))
             return false;
         evaluate_derivatives(m, s->values[TIME], x, step.stages[0]);
     }
-    m->live = false;
     return true;
 }
