@@ -12,6 +12,7 @@ import ctypes
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from pathlib import Path
 
 import casadi as ca
 import numpy as np
@@ -29,75 +30,8 @@ Matrix = NDArray[np.float64]
 # A step of the fourth-order method is no longer than this, so that the smoothed friction laws of
 # the library stay inside its stability region at the sample times of CAN buses.
 _LONGEST_STEP = 1e-3
-_PREFIX = "twinproof_shoot"
-
-_DRIVER = r"""
-#include <string.h>
-enum {{ NX = {nx}, NU = {nu}, NS = {ns}, NY = {ny}, NP = {np}, NC = NX + NS }};
-/* One window of n samples: y and dy/d(x0, s) at every sample. sensitive = 0: no sensitivities.
-   The input is held over a sample interval, the delayed signals (the last {nd} columns) run
-   linearly between samples. Returns the number of samples with finite state. */
-__attribute__((visibility("default")))
-int twinproof_shoot(int n, int substeps, double h, double t0, const double *x0, const double *u,
-                    const double *p, int sensitive, double *y, double *dy) {{
-  double x[NX + 1], xn[NX + 1], a[NX * NX + 1], b[NX * NS + 1], c[NY * NX + 1], d[NY * NS + 1];
-  double s[NX * NC + 1], sn[NX * NC + 1], us[NU + 1], t, hs = h / substeps;
-  double w[{work}];
-  int i, j, k, l, m;
-  memcpy(x, x0, NX * sizeof(double));
-  memset(s, 0, sizeof s);
-  for (i = 0; i < NX; i++) s[i * NX + i] = 1;
-  for (k = 0; k < n; k++) {{
-    const double *uk = u + (long)k * NU, *un = k + 1 < n ? uk + NU : uk;
-    t = t0 + k * h;
-    for (i = 0; i < NX; i++)
-      if (!(x[i] > -1e12 && x[i] < 1e12)) return k;
-    {{
-      const double *arg[4] = {{&t, x, uk, p}};
-      double *res[3] = {{y + (long)k * NY, c, d}};
-      if (sensitive) {prefix}_output_sensitive(arg, res, 0, w, 0);
-      else {prefix}_output(arg, res, 0, w, 0);
-    }}
-    if (sensitive) {{
-      double *o = dy + (long)k * NC * NY; /* column-major: o[column * NY + output] */
-      for (j = 0; j < NC; j++)
-        for (i = 0; i < NY; i++) {{
-          double v = j < NX ? 0 : d[(j - NX) * NY + i];
-          for (l = 0; l < NX; l++) v += c[l * NY + i] * s[j * NX + l];
-          o[j * NY + i] = v;
-        }}
-    }}
-    if (k + 1 == n) break;
-    for (m = 0; m < substeps; m++) {{
-      double from = (double)m / substeps, to = (double)(m + 1) / substeps, uf[NU + 1];
-      for (i = 0; i < NU; i++) {{
-        double ramp = i < NU - {nd} ? 0 : un[i] - uk[i];
-        us[i] = uk[i] + from * ramp;
-        uf[i] = uk[i] + to * ramp;
-      }}
-      {{
-        double ts = t + m * hs;
-        const double *arg[6] = {{&ts, x, us, uf, p, &hs}};
-        double *res[3] = {{xn, a, b}};
-        if (sensitive) {prefix}_step_sensitive(arg, res, 0, w, 0);
-        else {prefix}_step(arg, res, 0, w, 0);
-      }}
-      if (sensitive) {{
-        for (j = 0; j < NC; j++)
-          for (i = 0; i < NX; i++) {{
-            double v = j < NX ? 0 : b[(j - NX) * NX + i];
-            for (l = 0; l < NX; l++) v += a[l * NX + i] * s[j * NX + l];
-            sn[j * NX + i] = v;
-          }}
-        memcpy(s, sn, sizeof s);
-      }}
-      memcpy(x, xn, NX * sizeof(double));
-    }}
-  }}
-  return n;
-}}
-"""
-
+_PREFIX = "twinproof"
+_DRIVERS = Path(__file__).parent / "drivers"
 
 @dataclass(frozen=True)
 class Response:
@@ -290,15 +224,23 @@ def _rates(model: ExplicitModel) -> Mapping[str, str]:
 def _compiled(
     model: ExplicitModel, output_names: tuple[str, ...], sensitive: tuple[str, ...]
 ) -> ctypes.CDLL:
-    source = _generate(model, output_names, sensitive)
+    source = step_code(model, output_names, sensitive, "shooting.c")
     library = ctypes.CDLL(str(shared_library(source)))
     library.twinproof_shoot.restype = ctypes.c_int
     return library
 
 
-def _generate(
-    model: ExplicitModel, output_names: tuple[str, ...], sensitive: tuple[str, ...]
+def step_code(
+    model: ExplicitModel, output_names: tuple[str, ...], sensitive: tuple[str, ...], driver: str
 ) -> str:
+    """Return C: one integration step and the outputs, with derivatives, and a driver around them.
+
+    Args:
+        model: The model.
+        output_names: The outputs wanted.
+        sensitive: Parameters with respect to which derivatives are wanted.
+        driver: File in `identification/drivers` that calls the generated functions.
+    """
     n_delays = len(model.dae.delays)
     # Each delay brings three columns: value d, slope e and duration T₀ at the point of
     # linearisation; d - e·(T - T₀) has the right value and the right derivative there.
@@ -351,18 +293,17 @@ def _generate(
         ),
     ]
     generator = ca.CodeGenerator(
-        "shooting", {"casadi_int": "int", "with_header": False, "with_export": False}
+        "steps", {"casadi_int": "int", "with_header": False, "with_export": False}
     )
     for function in functions:
         generator.add(function)
-    driver = _DRIVER.format(
-        nx=model.x.shape[0],
-        nu=u.shape[0],
-        ns=len(sensitive),
-        ny=len(output_names),
-        np=p.shape[0],
-        nd=3 * n_delays,
-        prefix=_PREFIX,
-        work=max(1, *(int(function.sz_w()) for function in functions)),
-    )
-    return str(generator.dump()) + driver
+    sizes = {
+        "NX": model.x.shape[0],
+        "NU": u.shape[0],
+        "NS": len(sensitive),
+        "NY": len(output_names),
+        "ND": 3 * n_delays,
+        "WORK": max(1, *(int(function.sz_w()) for function in functions)),
+    }
+    defines = "".join(f"#define {name} {value}\n" for name, value in sizes.items())
+    return str(generator.dump()) + defines + (_DRIVERS / driver).read_text(encoding="utf-8")

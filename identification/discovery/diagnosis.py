@@ -133,7 +133,9 @@ def diagnose(
 
 def _row(refit: Refit) -> Ranked:
     parameters: dict[str, tuple[float, float, str]] = {}
-    units = {v.name: v.unit for v in refit.addition.effect.parameters}
+    # A block in series has the unit of the signal it stands in.
+    place = refit.addition.place
+    units = {v.name: v.unit or place.unit for v in refit.addition.effect.parameters}
     for name, value in refit.addition.values.items():
         flat = refit.model.parameter_of(refit.addition, name)
         sd = np.inf
