@@ -107,8 +107,9 @@ def _choose(a: Variable, b: Variable) -> tuple[Variable | None, Variable | None]
     if a.output and b.output:
         return None, None
 
-    def rank(v: Variable) -> tuple[bool, int, int]:
-        return (not v.output, v.name.count("."), len(v.name))
+    def rank(v: Variable) -> tuple[bool, int, bool, bool, int]:
+        is_state = v.role is Role.STATE
+        return (not v.output, v.name.count("."), not v.fixed, not is_state, len(v.name))
 
     kept, removed = sorted((a, b), key=rank)
     return removed, kept

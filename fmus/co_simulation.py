@@ -60,9 +60,9 @@ def initialise(
     if rest:
         name = next(iter(rest))
         raise InputError(
-            f"'{name}' cannot be set: the FMU computes it",
+            f"'{name}' cannot be set: it is constant, or computed by the FMU",
             where=str(description.modelName),
-            remedy="set the parameters that it depends on, such as a start parameter",
+            remedy="set what it depends on, such as a start parameter",
         )
     apply_start_values(instance, description, dict(inputs or {}))
     instance.exitInitializationMode()

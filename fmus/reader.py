@@ -102,6 +102,10 @@ class Reader:
         for key, what in _UNTRANSLATED.items():
             if self._store.get(key):
                 raise self._unsupported(what, None)
+        for row in self._store["relations"]:
+            if "relation" not in row:
+                # The front end numbers expressions in a way of its own then.
+                raise self._unsupported("mod, rem, div or integer of a changing quantity", None)
         variables = {v.name: v for v in (self._variable(row) for row in self._store["variables"])}
         residuals: list[Expression] = []
         positions: list[Position | None] = []
@@ -272,7 +276,7 @@ class Reader:
         node = row["node"]
         if isinstance(node, dict):
             ((kind, body),) = node.items()
-            if kind == "relation" and "relation" in self._store["relations"][int(body)]:
+            if kind == "relation":
                 return self._expression(
                     int(self._store["relations"][int(body)]["relation"]["expression"])
                 )

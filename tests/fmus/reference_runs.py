@@ -1,5 +1,7 @@
 """Independent right-hand sides, integrated with SciPy's DOP853 at 1e-12."""
 
+from itertools import pairwise
+
 import numpy as np
 from scipy.integrate import solve_ivp
 
@@ -14,7 +16,7 @@ def integrate(rhs, start, breaks, value_at, times):
     """States at `times`, shape (n, nx); between two `breaks` the input is constant."""
     breaks = np.union1d(breaks, times)
     state, states = np.asarray(start, float), {breaks[0]: np.asarray(start, float)}
-    for a, b in zip(breaks[:-1], breaks[1:], strict=True):
+    for a, b in pairwise(breaks):
         u = value_at(0.5 * (a + b))
         run = solve_ivp(
             lambda t, x, u=u: rhs(t, x, u), (a, b), state, method="DOP853", rtol=1e-12, atol=1e-14

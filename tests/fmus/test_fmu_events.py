@@ -94,7 +94,8 @@ def test_elsewhen_and_events_that_set_off_events(kind):
         source(
             "model T Real x(start = 0, fixed = true); discrete Real a(start = 0, fixed = true);"
             " discrete Real b(start = 0, fixed = true);"
-            " equation der(x) = 1; when x > 0.35 then a = 1; elsewhen x > 0.65 then a = 5; end when;"
+            " equation der(x) = 1;"
+            " when x > 0.35 then a = 1; elsewhen x > 0.65 then a = 5; end when;"
             " when a > 0.5 then b = pre(b) + a; end when; end T;"
         )
     )

@@ -1,9 +1,11 @@
 """Every plant and effect as an FMU, against right-hand sides written here, to 1e-6."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from fmpy.validation import validate_fmu
-from numpy import abs, array, cos, exp, sign, sin, tanh  # noqa: A004
+from numpy import abs, array, cos, exp, sign, sin, tanh
 from reference_runs import integrate, source, staircase
 
 from fmus.package import cached_fmu
@@ -218,7 +220,7 @@ def test_linear_inputs_are_followed_exactly():
             inputs=(T, {"vir": LEVELS}), hold="linear", parameters={"Fv": 0.0, "gtau": M}
         )
     h, q, v = T[1] - T[0], [0.0], [0.0]
-    for a, b in zip(LEVELS[:-1], LEVELS[1:], strict=True):
+    for a, b in pairwise(LEVELS):
         q.append(q[-1] + h * v[-1] + h**2 * (2 * a + b) / 6)
         v.append(v[-1] + h * (a + b) / 2)
     assert run["q"] == pytest.approx(array(q), abs=1e-12)
