@@ -17,8 +17,8 @@ from fmus.dae import Dae
 from fmus.expressions import Literal
 from fmus.modelica_text import class_spans, without_comments_and_strings
 from fmus.reader import Reader
-from fmus.sources import ModelicaSource, library_roots
-from foundation.errors import ModelicaError, UnsupportedModelError
+from fmus.sources import ModelicaSource, library_classes, library_roots
+from foundation.errors import ModelicaError, UnknownNameError, UnsupportedModelError
 
 _POSITION = re.compile(r"\[(?P<file>[^\[\]:]+):(?P<line>\d+):(?P<column>\d+)\]")
 _DOTTED = re.compile(r"[A-Za-z_]\w*(?:\.\w+)+")
@@ -67,6 +67,10 @@ def _compile(source: ModelicaSource) -> _Compiled:
         model = session.loads(source.text, model=source.class_name, filename=source.file_name)
         return _Compiled(json.loads(model.to_json("dae")), json.loads(model.to_json("flat")))
     except rumoca.RumocaError as error:
+        if not source.defines and "base class not found" in str(error):
+            # The user wrote a class name and no file: positions in our wrapper mean nothing to them.
+            known = library_classes(source)
+            raise UnknownNameError("Modelica class", source.origin, known) from error
         raise _explain(source, str(error)) from error
 
 

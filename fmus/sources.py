@@ -109,3 +109,19 @@ def find_source(model: str, roots: tuple[Path, ...] = ()) -> ModelicaSource:
 def library_roots(source: ModelicaSource) -> list[str]:
     """Return the Modelica paths of a source, the bundled library first."""
     return [str(LIBRARY), *(str(root) for root in source.roots)]
+
+
+def library_classes(source: ModelicaSource) -> list[str]:
+    """Return the full names of the classes that have a file in the source's libraries.
+
+    Example:
+        >>> "Twinproof.Plants.Pendulum" in library_classes(library_class("Any.Class"))
+        True
+    """
+    found: list[str] = []
+    for root in (LIBRARY, *source.roots):
+        for path in sorted(root.rglob("*.mo")):
+            within = re.search(r"\bwithin\s+([\w.]+)\s*;", path.read_text(encoding="utf-8"))
+            if within and path.name != "package.mo":
+                found.append(f"{within[1]}.{path.stem}")
+    return found

@@ -9,9 +9,10 @@ not of a separate equation: the gradient belongs exactly to the cost that is min
 from __future__ import annotations
 
 import ctypes
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from pathlib import Path
 
 import casadi as ca
@@ -29,7 +30,7 @@ Matrix = NDArray[np.float64]
 
 # A step of the fourth-order method is no longer than this, so that the smoothed friction laws of
 # the library stay inside its stability region at the sample times of CAN buses.
-_LONGEST_STEP = 1e-3
+LONGEST_STEP = 1e-3
 _PREFIX = "twinproof"
 _DRIVERS = Path(__file__).parent / "drivers"
 
@@ -66,15 +67,19 @@ class Shooting:
         self.dae = dae
         self.output_names = tuple(output_names)
         self.sensitive = tuple(sensitive)
-        self._model = _plain(dae)
-        self.parameter_names = self._model.parameter_names
-        self.nx = len(self._model.state_names)
-        self._library = _compiled(self._model, self.output_names, self.sensitive)
+        self.model = _plain(dae)
+        _check_operands(self.model, self.sensitive)
+        self.parameter_names = self.model.parameter_names
+        self.nx = len(self.model.state_names)
+
+    @cached_property
+    def _library(self) -> ctypes.CDLL:
+        return _compiled(self.model, self.output_names, self.sensitive)
 
     @property
     def state_names(self) -> tuple[str, ...]:
         """The states, in the order of the initial state."""
-        return self._model.state_names
+        return self.model.state_names
 
     @property
     def measured_states(self) -> Mapping[int, tuple[int, float]]:
@@ -82,12 +87,12 @@ class Shooting:
 
         An offset at the sensor is left to the fit.
         """
-        return _measured(self._model, self.output_names)
+        return _measured(self.model, self.output_names)
 
     @property
     def rate_of(self) -> Mapping[str, str]:
         """State → the state that is its derivative, where the model says so."""
-        return _rates(self._model)
+        return _rates(self.model)
 
     def parameter_vector(self, values: Mapping[str, float]) -> Vector:
         """Return the (np,) vector of all independent parameters."""
@@ -104,15 +109,16 @@ class Shooting:
         if not self.dae.delays:
             return np.ascontiguousarray(inputs, dtype=float)
         columns = [inputs]
-        # Held inputs change between samples; a delayed one is interpolated linearly, so that its
-        # derivative with respect to the duration exists.
+        # A held input is a staircase; a delayed one is the straight lines through the middles of
+        # its stairs, so that its derivative with respect to the duration exists. Lines through the
+        # samples would run ahead of the staircase by half a step, and the fit would add that.
         samples = np.arange(len(inputs), dtype=float)
-        operands = _delay_operands(self._model)
+        operands = _delay_operands(self.model)
         signals = np.asarray(operands(inputs.T, np.tile(p[:, None], len(inputs)))[0]).T
         durations = np.asarray(operands(np.zeros(inputs.shape[1]), p)[1]).ravel()
         for k, duration in enumerate(durations):
             signal = signals[:, k]
-            past = samples - duration / h
+            past = samples - 0.5 - duration / h
             value = np.interp(past, samples, signal)
             slope = (
                 np.interp(past + 0.5, samples, signal) - np.interp(past - 0.5, samples, signal)
@@ -146,7 +152,7 @@ class Shooting:
         x0 = np.ascontiguousarray(x0, dtype=float)
         finite = self._library.twinproof_shoot(
             n,
-            max(1, round(h / _LONGEST_STEP)),
+            max(1, math.ceil(h / LONGEST_STEP - 1e-6)),
             ctypes.c_double(h),
             ctypes.c_double(t0),
             _pointer(x0),
@@ -185,6 +191,18 @@ def _plain(dae: Dae) -> ExplicitModel:
                 remedy="make the duration a parameter",
             )
     return model
+
+
+def _check_operands(model: ExplicitModel, sensitive: Sequence[str]) -> None:
+    for delay in model.dae.delays:
+        operand = model.fold(delay.operand)
+        for name in sensitive:
+            if ca.depends_on(operand, model.p[model.parameter_names.index(name)]):
+                raise UnsupportedModelError(
+                    f"{model.dae.name} delays a signal that depends on {name}, which is to be "
+                    "fitted",
+                    remedy="let the parameter act after the delay, or declare it known",
+                )
 
 
 @lru_cache(maxsize=256)
