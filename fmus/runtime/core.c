@@ -16,8 +16,8 @@ static bool fail(Instance *m, const char *format, ...)
 
 static void evaluate_indicators(Instance *m, const Point *at, double *indicators)
 {
-    if (N_RELATIONS > 0)
-        CALL(model_indicators, indicators, AT(m, at));
+    indicators[0] = 0; /* there may be none */
+    CALL(model_indicators, indicators, AT(m, at));
 }
 
 /* Describe the situation at a trial time and state of the integrator. */

@@ -34,7 +34,7 @@ static void event_indicators(Instance *m, double *indicators)
 {
     const Point at = point_now(m);
     evaluate_indicators(m, &at, indicators);
-    double watched[ROOM(N_RELATIONS)];
+    double watched[ROOM(N_RELATIONS)] = {0};
     for (int i = 0; i < N_RELATIONS; i++) {
         const double width = m->now.relations[i] > 0 ? EVENT_WIDTH : -EVENT_WIDTH;
         /* On a surface nothing switches, except that the surface may be left. */

@@ -42,7 +42,7 @@ static double indicator_rate(Instance *m, const Point *at, const double *derivat
 /* For each surface, the share of its other side that keeps all indicators constant. */
 static void sliding_shares(Instance *m, const Point *at, double *shares)
 {
-    const int n = m->now.sliding;
+    const int n = m->now.sliding < N_RELATIONS ? m->now.sliding : N_RELATIONS;
     double base[ROOM(N_STATES)], other[ROOM(N_STATES)];
     double A[ROOM(N_RELATIONS) * ROOM(N_RELATIONS)];
     CALL(model_derivatives, base, AT(m, at));
@@ -67,7 +67,7 @@ static void sliding_shares(Instance *m, const Point *at, double *shares)
 static void evaluate(Instance *m, Function *function, int n, const Point *at, double *result)
 {
     CALL(function, result, AT(m, at));
-    if (m->now.sliding == 0)
+    if (N_RELATIONS == 0 || m->now.sliding == 0)
         return;
     double shares[ROOM(N_RELATIONS)];
     double base[ROOM(N_STATES + N_OTHERS)], other[ROOM(N_STATES + N_OTHERS)];

@@ -5,6 +5,8 @@ import pytest
 from fmpy.validation import validate_fmu
 from numpy import exp, pi, sin
 from reference_runs import source
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
 
 from fmus.package import cached_fmu
 from fmus.running import simulate
@@ -254,3 +256,69 @@ def test_period_of_a_large_swing_is_right():
     run = simulate(fmu, stop=100.0, step=0.5)
     assert run["E"] == pytest.approx(np.full(run.time.size, -np.cos(3.0)), abs=2e-6)
     assert pi > 3
+
+
+@kinds
+def test_stick_and_slip_under_a_slow_force(kind):
+    """A block with dry friction under A·sin(t): a stick-slip automaton in closed form."""
+    fmu = cached_fmu(
+        source(
+            "model T parameter Real A = 2; parameter Real c = 1.2;"
+            " Real x(start = 0, fixed = true); Real v(start = 0, fixed = true);"
+            " output Real friction;"
+            " equation der(x) = v; friction = c * sign(v); der(v) = A * sin(time) - friction;"
+            " end T;"
+        )
+    )
+    run = simulate(fmu, stop=6.0, step=0.05, kind=kind, outputs=["v", "friction"])
+    amplitude, c = 2.0, 1.2
+    leaves = np.arcsin(c / amplitude)  # the force reaches the friction
+
+    def speed(t, sign_of_force, begin):
+        return sign_of_force * (amplitude * abs(np.cos(begin) - np.cos(t)) - c * (t - begin))
+
+    stops = brentq(lambda t: speed(t, 1, leaves), leaves + 0.5, 4.0)
+    assert amplitude * abs(np.sin(stops)) < c, "it sticks before it goes back"
+    again = pi + leaves
+    stops_again = brentq(lambda t: speed(t, -1, again), again + 0.5, again + 3.3)
+    for t, v, friction in zip(run.time, run["v"], run["friction"], strict=True):
+        if leaves < t < stops:
+            assert v == pytest.approx(speed(t, 1, leaves), abs=1e-6)
+            assert friction == c
+        elif again < t < stops_again:
+            assert v == pytest.approx(speed(t, -1, again), abs=1e-6)
+            assert friction == -c
+        else:
+            assert v == pytest.approx(0.0, abs=1e-6)
+            assert friction == pytest.approx(amplitude * np.sin(t), abs=1e-4), t
+
+
+def test_two_bodies_stick_at_once():
+    """Coupled masses, both with dry friction, against a steep smooth law and a stiff solver."""
+    fmu = cached_fmu(
+        source(
+            "model T Real a(start = 0.5, fixed = true); Real v(start = 0, fixed = true);"
+            " Real b(start = 0, fixed = true); Real w(start = 0, fixed = true);"
+            " equation der(a) = v; der(b) = w; der(v) = -8 * (a - b) - 0.9 * sign(v);"
+            " der(w) = 8 * (a - b) - 3 * b - 0.5 * sign(w); end T;"
+        )
+    )
+    run = simulate(fmu, stop=6.0, step=0.1, outputs=["a", "b", "v", "w"])
+    width = 1e-5
+
+    def rhs(_, x):
+        a, v, b, w = x
+        return [
+            v,
+            -8 * (a - b) - 0.9 * np.tanh(v / width),
+            w,
+            8 * (a - b) - 3 * b - 0.5 * np.tanh(w / width),
+        ]
+
+    smooth = solve_ivp(
+        rhs, (0, 6), [0.5, 0, 0, 0], method="Radau", t_eval=run.time, rtol=1e-8, atol=1e-10
+    )
+    assert run["a"] == pytest.approx(smooth.y[0], abs=2e-4)
+    assert run["b"] == pytest.approx(smooth.y[2], abs=2e-4)
+    assert run["v"][-1] == pytest.approx(0.0, abs=1e-8)
+    assert run["w"][-1] == pytest.approx(0.0, abs=1e-8)

@@ -14,6 +14,7 @@ from reference_runs import integrate, source
 
 from fmus.archive import describe
 from fmus.co_simulation import initialise
+from fmus.compiler import compile_library
 from fmus.frontend import load
 from fmus.package import cached_fmu, export
 from fmus.running import Fmu, model_fmu, simulate, simulate_model
@@ -262,6 +263,18 @@ def test_integer_and_boolean_parameters(tmp_path):
     # What decides which equations there are is not a parameter any more.
     with pytest.raises(InputError, match="'on' cannot be set"):
         simulate(fmu, stop=1.0, parameters={"on": False})
+
+
+@pytest.mark.parametrize("kind", ["eventful", "plain"])
+def test_sources_in_the_fmu_compile_without_a_warning(kind, eventful, tmp_path):
+    plain = cached_fmu(library_class("Twinproof.Plants.Pendulum"))
+    with zipfile.ZipFile(eventful if kind == "eventful" else plain) as archive:
+        archive.extractall(tmp_path)
+    compile_library(
+        [tmp_path / "sources" / "fmi2.c"],
+        tmp_path / "checked.so",
+        flags=["-O2", "-Wall", "-Wextra", "-Werror", "-Wno-unused-parameter", "-Wno-type-limits"],
+    )
 
 
 def test_names_that_clash_with_c_and_its_library_do_no_harm():
