@@ -34,6 +34,7 @@ LONGEST_STEP = 1e-3
 _PREFIX = "twinproof"
 _DRIVERS = Path(__file__).parent / "drivers"
 
+
 @dataclass(frozen=True)
 class Response:
     """What a window answered.
@@ -152,7 +153,7 @@ class Shooting:
         x0 = np.ascontiguousarray(x0, dtype=float)
         finite = self._library.twinproof_shoot(
             n,
-            max(1, math.ceil(h / LONGEST_STEP - 1e-6)),
+            substeps(h),
             ctypes.c_double(h),
             ctypes.c_double(t0),
             _pointer(x0),
@@ -164,6 +165,16 @@ class Shooting:
         )
         y[finite:] = np.nan
         return Response(y, dy.transpose(0, 2, 1), int(finite))
+
+
+def substeps(h: float) -> int:
+    """Return into how many integration steps a sample interval of `h` seconds is divided.
+
+    Example:
+        >>> [substeps(h) for h in (0.5e-3, 1e-3, 1.4e-3, 10e-3)]
+        [1, 1, 2, 10]
+    """
+    return max(1, math.ceil(h / LONGEST_STEP - 1e-6))
 
 
 def _pointer(array: NDArray[np.float64]) -> ctypes.c_void_p:
