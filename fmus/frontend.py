@@ -68,7 +68,7 @@ def _compile(source: ModelicaSource) -> _Compiled:
         return _Compiled(json.loads(model.to_json("dae")), json.loads(model.to_json("flat")))
     except rumoca.RumocaError as error:
         if not source.defines and "base class not found" in str(error):
-            # The user wrote a class name and no file: positions in our wrapper mean nothing to them.
+            # The user wrote a class name and no file: positions in our wrapper mean nothing.
             known = library_classes(source)
             raise UnknownNameError("Modelica class", source.origin, known) from error
         raise _explain(source, str(error)) from error
