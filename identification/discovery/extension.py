@@ -9,7 +9,8 @@ nested as `Plant`, so that no connection reaches two levels down.
 from __future__ import annotations
 
 import difflib
-from collections.abc import Mapping, Sequence
+import textwrap
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from fmus.dae import Dae, Variable
@@ -20,6 +21,8 @@ from fmus.sources import ModelicaSource
 from foundation.errors import UnknownNameError
 from identification.discovery.effects import Effect, find_effects, resolve
 
+_WIDTH = 92
+_SHORT = 40
 # A delay needs its bare input as operand; the other effects follow in the order they were added.
 _FIRST_IN_CHAIN = ("Delay",)
 
@@ -167,14 +170,22 @@ def _number(value: float) -> str:
 
 
 def _modifiers(values: Mapping[str, float]) -> str:
+    """Return `(a = 1, b = 2)`, broken into lines as a person would."""
     if not values:
         return ""
-    return "(" + ", ".join(f"{k} = {_number(v)}" for k, v in values.items()) + ")"
+    return _in_parentheses(f"{name} = {_number(value)}" for name, value in values.items())
+
+
+def _in_parentheses(words: Iterable[str]) -> str:
+    lines = textwrap.wrap(", ".join(words), _WIDTH, break_on_hyphens=False)
+    # A single short line stays where it is.
+    start = "" if len(lines) == 1 and len(lines[0]) < _SHORT else "\n    "
+    return "(" + start + "\n    ".join(lines) + ")"
 
 
 def _component(addition: Addition) -> str:
     return (
-        f"  {addition.effect.class_name} {addition.instance}{_modifiers(addition.values)}\n"
+        f"  {addition.effect.class_name} {addition.instance}{_modifiers(addition.values, '    ')}\n"
         f'    "{addition.effect.description}";\n'
     )
 
@@ -184,7 +195,10 @@ def _write_extension(
 ) -> str:
     what = ", ".join(a.label for a in additions)
     title = f'"{base.short_name} with {what}"' if additions else f'"{base.short_name}, fitted"'
-    lines = [f"model {name} {title}\n", f"  extends {base.base_class}{_modifiers(values)};\n"]
+    lines = [
+        f"model {name} {title}\n",
+        f"  extends {base.base_class}{_modifiers(values, '    ')};\n",
+    ]
     lines += [_component(a) for a in additions]
     if additions:
         lines.append("equation\n")
@@ -216,8 +230,8 @@ def _write_wrapper(
     lines += [
         _declare_parameter(v, values.get(v.name, dae.parameter_values[v.name])) for v in parameters
     ]
-    same = ", ".join(f"{v.name} = {v.name}" for v in parameters)
-    lines.append(f"  {plant_class} plant{f'({same})' if same else ''};\n")
+    same = _in_parentheses(f"{v.name} = {v.name}" for v in parameters) if parameters else ""
+    lines.append(f"  {plant_class} plant{same};\n")
     lines += [_component(a) for a in (*bare, *series)]
     lines += [_declare_signal("RealInput", v) for v in dae.inputs]
     lines += [_declare_signal("RealOutput", v) for v in dae.outputs]
@@ -254,7 +268,7 @@ def _declare_parameter(v: Variable, value: float) -> str:
             attributes.append(f"{word} = {_number(float(bound.value))}")
     head = f"  parameter Real {v.name}{'(' + ', '.join(attributes) + ')' if attributes else ''}"
     known = " annotation(__twinproof(known = true))" if v.known else ""
-    description = f' "{v.description}"' if v.description else ""
+    description = f'\n    "{v.description}"' if v.description else ""
     return f"{head} = {_number(value)}{description}{known};\n"
 
 
