@@ -185,7 +185,7 @@ def _in_parentheses(words: Iterable[str]) -> str:
 
 def _component(addition: Addition) -> str:
     return (
-        f"  {addition.effect.class_name} {addition.instance}{_modifiers(addition.values, '    ')}\n"
+        f"  {addition.effect.class_name} {addition.instance}{_modifiers(addition.values)}\n"
         f'    "{addition.effect.description}";\n'
     )
 
@@ -197,7 +197,7 @@ def _write_extension(
     title = f'"{base.short_name} with {what}"' if additions else f'"{base.short_name}, fitted"'
     lines = [
         f"model {name} {title}\n",
-        f"  extends {base.base_class}{_modifiers(values, '    ')};\n",
+        f"  extends {base.base_class}{_modifiers(values)};\n",
     ]
     lines += [_component(a) for a in additions]
     if additions:
