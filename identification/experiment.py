@@ -13,7 +13,7 @@ from identification.gauss_newton import Fit, fit
 from identification.prediction import WINDOW, Prediction, predict
 from identification.problem import Matrix, Problem, Vector
 from identification.shooting import Shooting
-from identification.windows import Window, cut, guess_states
+from identification.windows import Window, cut, fitting_length, guess_states
 
 STAGES = (0.25, 0.5, 1.0)
 """Window lengths of the continuation, as shares of `WINDOW`: short windows forgive a bad start."""
@@ -43,7 +43,12 @@ class Experiment:
     @cached_property
     def windows(self) -> tuple[Window, ...]:
         """The record in windows of `WINDOW` seconds, or as long as it is."""
-        return cut(len(self.problem.time), self.problem.sample_time, WINDOW)
+        return self.cut(WINDOW)
+
+    def cut(self, seconds: float) -> tuple[Window, ...]:
+        """Cut the record into windows to fit, longer where they would hold too few samples."""
+        h = self.problem.sample_time
+        return cut(len(self.problem.time), h, fitting_length(seconds, h))
 
     def guess(self, windows: Sequence[Window]) -> Matrix:
         """Return (windows, nx) initial states from the measurement alone."""
@@ -64,7 +69,7 @@ class Experiment:
         current = dict(self.problem.values if values is None else {**self.problem.values, **values})
         fits: list[Fit] = []
         for share in stages:
-            windows = cut(len(self.problem.time), self.problem.sample_time, share * WINDOW)
+            windows = self.cut(share * WINDOW)
             if fits and len(windows) == len(fits[-1].x0):
                 continue
             found = fit(

@@ -14,7 +14,14 @@ import numpy as np
 
 from identification.problem import Matrix, Problem, Vector
 from identification.shooting import Shooting
-from identification.windows import Window, cut, guess_states, settle, settling_samples
+from identification.windows import (
+    Window,
+    cut,
+    fitting_length,
+    guess_states,
+    settle,
+    settling_samples,
+)
 
 WINDOW = 1.0
 """Length of the windows where a free simulation does not stay bounded [s]."""
@@ -171,11 +178,12 @@ def noise_estimate(problem: Problem) -> Vector:
 def choose_horizon(
     problem: Problem, shooting: Shooting, values: Mapping[str, float]
 ) -> float | None:
-    """Return None (free simulation) where that stays bounded, else `WINDOW`.
+    """Return None (free simulation) where that stays bounded, else `WINDOW` (20 samples at least).
 
     A record shorter than one and a half windows is always simulated freely.
     """
     if predict(problem, shooting, values, None).bounded:
         return None
     duration = float(problem.time[-1] - problem.time[0])
-    return WINDOW if duration > 1.5 * WINDOW else None
+    window = fitting_length(WINDOW, problem.sample_time)
+    return window if duration > 1.5 * window else None

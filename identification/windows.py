@@ -14,6 +14,8 @@ from identification.shooting import Shooting
 SETTLING_SHARE = 0.1
 _SHORTEST_SETTLING = 8
 _ITERATIONS = 12
+# Windows of a fit hold at least this many samples, however slowly a plant was sampled.
+_FEWEST = 20
 # Duration of the local polynomial that guesses a state [s].
 _LOCAL = 0.04
 
@@ -32,7 +34,7 @@ class Window:
 def cut(n: int, sample_time: float, horizon: float | None) -> tuple[Window, ...]:
     """Cut `n` samples into windows of `horizon` seconds; None: one window.
 
-    A remainder shorter than half a window joins the one before it.
+    A remainder shorter than half a window, or of a single sample, joins the one before it.
 
     Example:
         >>> [(w.begin, w.end) for w in cut(2300, 1e-3, 1.0)]
@@ -42,10 +44,20 @@ def cut(n: int, sample_time: float, horizon: float | None) -> tuple[Window, ...]
         return (Window(0, n),)
     length = max(2, round(horizon / sample_time))
     begins = list(range(0, n, length))
-    if len(begins) > 1 and n - begins[-1] < length / 2:
+    if len(begins) > 1 and n - begins[-1] < max(length / 2, 2):
         begins.pop()
     ends = [*begins[1:], n]
     return tuple(Window(b, e) for b, e in zip(begins, ends, strict=True))
+
+
+def fitting_length(seconds: float, sample_time: float) -> float:
+    """Return a window length [s], longer than asked where it would hold too few samples to fit.
+
+    Example:
+        >>> fitting_length(0.25, 1e-3), fitting_length(0.25, 2.0)
+        (0.25, 40.0)
+    """
+    return max(seconds, _FEWEST * sample_time)
 
 
 def settling_samples(window: Window, horizon_samples: int | None = None) -> int:
@@ -58,22 +70,24 @@ def guess_states(problem: Problem, shooting: Shooting, windows: Sequence[Window]
     """Guess each window's initial state from the measurement alone, by local polynomials.
 
     Measured states take the fitted value, a state that is the derivative of a measured state its
-    slope, any other its declared start.
+    slope, any other its start.
 
     Returns:
         (windows, nx).
     """
     dae, h = problem.dae, problem.sample_time
-    start = np.array([dae.number(v.start, 0.0) for v in dae.states])
+    start = {v.name: dae.number(v.start, 0.0) for v in dae.states}
+    for parameter, state in dae.start_parameters.items():
+        start[state] = problem.values.get(parameter, start[state])
     states = list(shooting.state_names)
     measured = shooting.measured_states
-    guesses = np.tile(start, (len(windows), 1))
+    guesses = np.tile([start[name] for name in states], (len(windows), 1))
     for row, window in enumerate(windows):
         n = min(len(window), max(6, round(_LOCAL / h)))
         t = np.arange(n) * h
         for i, (output, gain) in measured.items():
             y = problem.outputs[window.begin : window.begin + n, output] / gain
-            value, slope, _ = np.polynomial.Polynomial.fit(t, y, 2).convert().coef
+            value, slope = np.polynomial.polynomial.polyfit(t, y, min(2, n - 1))[:2]
             guesses[row, i] = value
             rate = shooting.rate_of.get(states[i])
             if rate is not None and states.index(rate) not in measured:

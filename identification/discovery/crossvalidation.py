@@ -23,7 +23,7 @@ from identification.experiment import Experiment
 from identification.gauss_newton import Fit, fit
 from identification.prediction import WINDOW
 from identification.problem import Matrix, Vector
-from identification.windows import Window, cut
+from identification.windows import Window, fitting_length
 
 FOLDS = 5
 CV_WINDOW = 0.25 * WINDOW
@@ -69,17 +69,17 @@ def crossvalidate(
         noise: (ny,) standard deviation of the sensors' noise.
         tried: How many candidates were tried, for the correction (Bonferroni).
     """
-    problem = smaller.problem
-    windows = cut(len(problem.time), problem.sample_time, CV_WINDOW)
+    windows = smaller.cut(CV_WINDOW)
     if len(windows) < _FEWEST_WINDOWS:
         nothing = np.full(len(noise), np.nan)
+        needed = _FEWEST_WINDOWS * fitting_length(CV_WINDOW, smaller.problem.sample_time)
         return Verdict(
             False,
             1.0,
             0.0,
             nothing,
             nothing,
-            f"the record is too short to leave blocks out: record {_FEWEST_WINDOWS * CV_WINDOW} s",
+            f"the record is too short to leave blocks out: record {needed:g} s",
         )
     before = _unseen(smaller, base, windows, base.sd)
     after = _unseen(larger, extended, windows, base.sd)

@@ -12,7 +12,6 @@ from identification.estimators.filtered_least_squares import FilteredLeastSquare
 from identification.experiment import STAGES, Experiment
 from identification.gauss_newton import fit
 from identification.prediction import WINDOW
-from identification.windows import cut
 
 
 @dataclass(frozen=True)
@@ -46,7 +45,7 @@ def best_start(experiment: Experiment) -> Start:
     except TwinproofError as error:
         return Start(declared, "declared", str(error))
     sd = np.fmax(np.std(problem.outputs, axis=0), 1e-300) * 1e-3
-    windows = cut(len(problem.time), problem.sample_time, STAGES[0] * WINDOW)
+    windows = experiment.cut(STAGES[0] * WINDOW)
     costs = [
         fit(
             problem,

@@ -1,4 +1,4 @@
-"""Records from right-hand sides written here and integrated by SciPy's DOP853, and problems of them.
+"""Problems whose records come from right-hand sides written here and integrated by DOP853.
 
 Nothing here comes from the product but the types that it is handed.
 """
