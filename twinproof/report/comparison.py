@@ -10,6 +10,7 @@ from identification.comparison import Comparison
 from identification.prediction import noise_estimate
 from identification.problem import Problem
 from twinproof.report import record_plots, wording
+from twinproof.report.numbers import significant
 from twinproof.report.page import provenance, write_page
 from twinproof.report.picture import Picture
 from twinproof.report.record_plots import Run
@@ -19,10 +20,10 @@ from twinproof.report.tables import ChannelRow, SpanRow, channel_rows, span_rows
 
 def record_context(problem: Problem, comparison: Comparison) -> dict[str, object]:
     """Return what the template `record.html` draws: errors, traces, residuals, spans."""
-    runs = [Run(problem.dae.name, Role.LAST, comparison)]
+    runs = [Run(problem.dae.name, Role.LAST, comparison, mark=not wording.at_noise(comparison))]
     noise = dict(zip(problem.output_names, noise_estimate(problem).tolist(), strict=True))
     channels: list[ChannelRow] = channel_rows(problem, comparison)
-    spans: list[SpanRow] = span_rows(problem, comparison)
+    spans: list[SpanRow] = [] if wording.at_noise(comparison) else span_rows(problem, comparison)
     traces: list[tuple[str, Picture]] = [("", record_plots.traces(problem, runs, "traces"))]
     return {
         "channels": channels,
@@ -40,17 +41,14 @@ def error_sentence(problem: Problem, comparison: Comparison) -> str:
     sentence = (
         f"The {wording.error_measure(problem, horizon)} is {wording.error_of(problem, comparison)}."
     )
-    coloured = [
-        name
-        for name, channel in comparison.channels.items()
-        if not math.isnan(channel.white_p) and channel.white_p < wording.CHANCE_OF_WHITE
-    ]
-    if coloured:
-        return (
-            f"{sentence} What is left over of {wording.listed(coloured)} is correlated in time: "
-            "more than white sensor noise."
-        )
-    return f"{sentence} What is left over looks like white noise."
+    ratio = wording.noise_ratio(comparison)
+    if ratio <= wording.AT_NOISE:
+        return f"{sentence} Sensor noise alone would leave as much."
+    if not math.isfinite(ratio) or ratio > wording.FAR:
+        return f"{sentence} That is far above the sensors’ noise."
+    return (
+        f"{sentence} That is up to {significant(ratio)} times what sensor noise alone would leave."
+    )
 
 
 def write_comparison(

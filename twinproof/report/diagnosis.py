@@ -14,11 +14,11 @@ from twinproof.report.page import provenance, write_page
 from twinproof.report.tables import candidate_rows
 
 _MEANS = {
-    Outcome.COMPLETE: "What the fitted model leaves over is the sensors' noise.",
+    Outcome.COMPLETE: "What the fitted model leaves over is the sensors’ noise.",
     Outcome.EFFECT: "It passed cross-validation on windows that its fit had not seen. "
     "Add it with `twinproof improve`.",
     Outcome.UNDETERMINED: "Several effects explain these data alike; see what to record next.",
-    Outcome.UNKNOWN_SHAPE: "The error is above the sensors' noise, but no effect at any place "
+    Outcome.UNKNOWN_SHAPE: "The error is above the sensors’ noise, but no effect at any place "
     "explains it beyond chance. Look at the error against the observed variables for its shape.",
     Outcome.SENSOR: "The error is in what was measured, not in the motion.",
 }

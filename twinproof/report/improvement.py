@@ -18,7 +18,7 @@ from identification.prediction import WINDOW
 from identification.problem import Problem
 from twinproof.report import ladder_plot, record_plots, shape_plot, wording
 from twinproof.report.ladder_plot import LadderPanel, Rung
-from twinproof.report.numbers import percent, quantity, significant, typeset
+from twinproof.report.numbers import percent, quantity, significant, typeset, typeset_powers
 from twinproof.report.page import provenance, write_page
 from twinproof.report.picture import Picture, unit_of
 from twinproof.report.record_plots import Run
@@ -141,7 +141,7 @@ def write_improvement(
             problem, fitted_runs, improvement.sensor_noise, "over-time"
         ),
         over_variables=record_plots.residual_over_variables(problem, fitted_runs, "over-variables"),
-        spans=span_rows(problem, last.train),
+        spans=[] if wording.at_noise(last.train) else span_rows(problem, last.train),
         channels=channel_rows(problem, last.train, improvement.noise_floor),
         unseen_channels=(
             channel_rows(holdout, last.holdout)
@@ -194,7 +194,7 @@ def _row(step: Step, short: _Short, problem: Problem, horizon: float | None) -> 
             else (percent(short.fitted), "" if short.unseen is None else percent(short.unseen))
         ),
         status=status,
-        reason="" if step.verdict is None else step.verdict.reason,
+        reason="" if step.verdict is None else typeset_powers(step.verdict.reason),
         contradicted=step.contradicted,
     )
 
@@ -237,7 +237,8 @@ def _panels(
 ) -> list[LadderPanel]:
     steps = improvement.steps
     labels = [
-        str(s.number) if s.added is None else f"{s.number}\n+ {s.added.effect.name}" for s in steps
+        ladder_plot.step_label(s.number, "" if s.added is None else s.added.effect.name)
+        for s in steps
     ]
     name = wording.horizon_name(improvement.horizon)
     panels: list[LadderPanel] = []
@@ -250,7 +251,8 @@ def _panels(
             )
             for label, s in zip(labels, steps, strict=True)
         )
-        panels.append(LadderPanel(f"all channels, {name}", "%", rungs))
+        floor = 100 * wording.floor_share(steps[-1].train)
+        panels.append(LadderPanel(f"all channels, {name}", "%", rungs, floor))
     if improvement.horizon is None:
         rungs = tuple(
             Rung(label, 100 * e.fitted, None if e.unseen is None else 100 * e.unseen)
@@ -283,6 +285,7 @@ def _runs(first: Step, last: Step, *, unseen: bool) -> list[Run]:
             else f"step {step.number}: {_effects(step)}",
             Role.FIRST if step is first and first is not last else Role.LAST,
             comparison,
+            mark=not wording.at_noise(comparison),
         )
         for step, comparison in pairs
         if comparison is not None

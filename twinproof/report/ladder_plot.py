@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -11,10 +12,12 @@ from matplotlib.ticker import FuncFormatter, NullFormatter
 
 from identification.problem import Vector
 from twinproof.report.numbers import Scale, scale_for, significant
-from twinproof.report.picture import Picture
+from twinproof.report.picture import Picture, legend
 from twinproof.report.svg import WIDTH, Role, figure, inline
 
 _LOG_FROM = 4.0
+_WORD = re.compile(r"[A-Z]+[a-z0-9_]*|[a-z0-9_]+")
+_LINE = 12
 # A floor further than this below the least error would squeeze the errors into a corner.
 _FLOOR_IN_SIGHT = 30.0
 
@@ -47,7 +50,7 @@ class LadderPanel:
 
 def ladder(panels: Sequence[LadderPanel], name: str) -> Picture:
     """Draw how the errors fall from step to step."""
-    columns = min(len(panels), 3)
+    columns = 2 if len(panels) == 4 else min(len(panels), 3)
     rows = -(-len(panels) // columns)
     width = WIDTH if columns > 1 else 0.62 * WIDTH
     with figure(2.35 * rows + 0.3, width) as drawn:
@@ -56,8 +59,7 @@ def ladder(panels: Sequence[LadderPanel], name: str) -> Picture:
             _ladder_panel(ax, panel)
         for ax in axes[len(panels) :]:
             ax.set_axis_off()
-        handles, labels = axes[0].get_legend_handles_labels()
-        drawn.legend(handles, labels, loc="outside upper left", ncols=4)
+        legend(drawn, *axes[: len(panels)])
         svg = inline(drawn, name)
     sentences = [
         f"{panel.title}: "
@@ -69,6 +71,22 @@ def ladder(panels: Sequence[LadderPanel], name: str) -> Picture:
         for panel in panels
     ]
     return Picture(svg, ". ".join(sentences), "")
+
+
+def step_label(number: int, effect: str) -> str:
+    """Return a step's label, the effect's name broken where its words join.
+
+    Example:
+        >>> step_label(2, "AsymmetricViscousFriction").splitlines()
+        ['2', '+ Asymmetric', 'Viscous', 'Friction']
+    """
+    lines: list[str] = []
+    for word in _WORD.findall(effect):
+        if lines and len(lines[-1]) + len(word) <= _LINE:
+            lines[-1] += word
+        else:
+            lines.append(word)
+    return "\n".join([str(number), *(f"+ {x}" if k == 0 else x for k, x in enumerate(lines))])
 
 
 def _ladder_panel(ax: Axes, panel: LadderPanel) -> None:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _EXPONENT = re.compile(r"(?<=[A-Za-z)])(-?\d+)")
+_E_NOTATION = re.compile(r"\b(\d+(?:\.\d+)?)e([-+]?\d+)\b")
 _PREFIXES = ((1e-9, "n"), (1e-6, "µ"), (1e-3, "m"), (1.0, ""), (1e3, "k"))
 _LEADING = re.compile(r"(rad|Hz|[msNVAW])(?=$|[./])")
 # Nobody speaks of kilometres of a carriage, or of kiloradians.
@@ -104,6 +105,16 @@ def quantity(value: float, unit: str, digits: int = 3) -> str:
     return f"{number} {scale.unit}" if unit else number
 
 
+def typeset_powers(text: str) -> str:
+    """Return a sentence with its numbers' exponents raised.
+
+    Example:
+        >>> typeset_powers("may be chance (p = 2e-10)")
+        'may be chance (p = 2·10⁻¹⁰)'
+    """
+    return _E_NOTATION.sub(lambda m: f"{m[1]}·10{_raised(int(m[2]))}", text)
+
+
 def with_unit(number: str, unit: str) -> str:
     """Return a number's text followed by its unit, if it has one.
 
@@ -118,10 +129,10 @@ def percent(share: float) -> str:
     """Return a share in per cent.
 
     Example:
-        >>> percent(0.0411), percent(1.188)
-        ('4.1 %', '119 %')
+        >>> percent(0.04113), percent(1.188)
+        ('4.11 %', '119 %')
     """
-    return f"{significant(100.0 * share, 3 if share >= 1 else 2)} %"
+    return f"{significant(100.0 * share)} %"
 
 
 def chance(probability: float) -> str:

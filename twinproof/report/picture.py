@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator
@@ -58,7 +59,11 @@ def in_scale(scale: Scale) -> FuncFormatter:
     return FuncFormatter(text)
 
 
-def legend(drawn: Figure, ax: Axes) -> None:
-    """Put a legend of one axes' curves above the figure."""
-    handles, labels = ax.get_legend_handles_labels()
-    drawn.legend(handles, labels, loc="outside upper left", ncols=4)
+def legend(drawn: Figure, *axes: Axes) -> None:
+    """Put one legend of these axes' curves above the figure, each label once."""
+    found: dict[str, Artist] = {}
+    for ax in axes:
+        handles, labels = ax.get_legend_handles_labels()
+        for handle, label in zip(handles, labels, strict=True):
+            found.setdefault(label, handle)
+    drawn.legend(list(found.values()), list(found), loc="outside upper left", ncols=4)

@@ -21,7 +21,10 @@ _MOST_CHANNELS = 6
 _MOST_VARIABLES = 6
 # Errors this much apart are drawn on scales of their own.
 _APART = 4.0
-_ZOOM_SHARE = 0.06
+# The closer look spans at least and at most twice these shares of the record.
+_ZOOM = (0.04, 0.1)
+# A simulation that runs away is followed this many spans of the measurement, no further.
+_FOLLOWED = 0.8
 
 
 @dataclass(frozen=True)
@@ -32,11 +35,13 @@ class Run:
         label: In words.
         role: Its colour; `FIRST` is dashed as well.
         comparison: The prediction with its errors.
+        mark: Shade the spans in which it is at its worst.
     """
 
     label: str
     role: Role
     comparison: Comparison
+    mark: bool = True
 
 
 def traces(problem: Problem, runs: Sequence[Run], name: str) -> Picture:
@@ -83,11 +88,15 @@ def _traces(
     measured = problem.outputs[part, c]
     t, y = envelope(time, measured)
     ax.plot(t, y / scale.size, color=Role.MEASURED.value, lw=2.4, alpha=0.45, label="measured")
+    low, high = float(np.min(measured)), float(np.max(measured))
+    beyond = _FOLLOWED * (high - low)
+    reach = [measured]
     for run in runs:
         simulated = run.comparison.prediction.simulated[part, c]
+        reach.append(np.clip(simulated, low - beyond, high + beyond))
         t, y = envelope(time, simulated)
         ax.plot(t, y / scale.size, color=run.role.value, ls=_dash(run), lw=1.2, label=run.label)
-    limits(ax, measured / scale.size)
+    limits(ax, np.concatenate(reach) / scale.size, room=0.1)
     time_axis(ax, time)
 
 
@@ -115,7 +124,7 @@ def residual_over_time(
                 _residual(ax, problem, run, c, scale, noise.get(channel, np.nan))
                 ax.set_ylim(-1.15 * reach / scale.size, 1.15 * reach / scale.size)
                 ax.set_ylabel(f"{channel} [{scale.unit}]")
-                spans = [(f.begin, f.end) for f in run.comparison.worst]
+                spans = [(f.begin, f.end) for f in run.comparison.worst if run.mark]
                 _mark_spans(ax, spans, run.role, number=c == 0)
         for ax, run in zip(grid[0], runs, strict=True):
             ax.set_title(run.label, color=run.role.value, loc="left", pad=12)
@@ -126,7 +135,7 @@ def residual_over_time(
         svg,
         f"Error of {', '.join(channels)} against time, {' beside '.join(r.label for r in runs)}",
         "Measured minus simulated. Shaded and numbered: where each model is at its worst. "
-        "Dotted: two standard deviations of the sensor's noise, where they are in sight. "
+        "Dotted: two standard deviations of the sensor’s noise, where they are in sight. "
         "Mind the scales: they differ where the errors do.",
     )
 
@@ -139,48 +148,62 @@ def _residual(ax: Axes, problem: Problem, run: Run, c: int, scale: Scale, noise:
     ax.axhline(0.0, color=Role.MUTED.value, lw=0.6)
     if np.isfinite(noise) and noise > 0.02 * _size(scored):
         for sign in (-2.0, 2.0):
-            ax.axhline(sign * noise / scale.size, color=Role.FLOOR.value, lw=1.0, ls=":")
+            ax.axhline(sign * noise / scale.size, color=Role.FLOOR.value, lw=1.2, ls=":", zorder=3)
     time_axis(ax, problem.time)
 
 
-def residual_over_variables(problem: Problem, runs: Sequence[Run], name: str) -> Picture:
-    """Draw measured minus simulated against every observed variable, as median and inner 80 %."""
+def residual_over_variables(problem: Problem, runs: Sequence[Run], name: str) -> list[Picture]:
+    """Draw measured minus simulated against every observed variable, as median and inner 80 %.
+
+    Returns:
+        One picture with all models, or one for each where their errors are of different size.
+    """
+    sizes = np.array(
+        [
+            [_size(run.comparison.prediction.error[:, c]) for c in range(len(problem.output_names))]
+            for run in runs
+        ]
+    )
+    if np.any(np.max(sizes, axis=0) > _APART * np.min(sizes, axis=0)):
+        return [_over_variables(problem, [run], f"{name}-{k}") for k, run in enumerate(runs)]
+    return [_over_variables(problem, runs, name)]
+
+
+def _over_variables(problem: Problem, runs: Sequence[Run], name: str) -> Picture:
     channels = problem.output_names[:_MOST_CHANNELS]
     states = runs[-1].comparison.states
     variables = [v for v in states if np.ptp(states[v]) > 0][:_MOST_VARIABLES]
-    with figure(_ROW * len(channels) + 0.75) as drawn:
+    with figure(1.15 * len(channels) + 0.8) as drawn:
         grid = drawn.subplots(
             len(channels), len(variables), squeeze=False, sharex="col", sharey="row"
         )
         for c, channel in enumerate(channels):
-            drawn_sizes: list[float] = []
-            for v, variable in enumerate(variables):
-                drawn_sizes += _profiles(grid[c, v], runs, c, variable)
-            reach = max(drawn_sizes, default=1.0)
+            reach = max(
+                max(_profiles(grid[c, v], runs, c, variable))
+                for v, variable in enumerate(variables)
+            )
             scale = scale_for(unit_of(problem, channel), reach)
-            grid[c, 0].set_ylim(-1.1 * reach, 1.1 * reach)
-            grid[c, 0].yaxis.set_major_formatter(in_scale(scale))
-            grid[c, 0].yaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
-            grid[c, 0].set_ylabel(f"{channel} [{scale.unit}]")
-        for v, variable in enumerate(variables):
-            values = states[variable]
-            scale = scale_for(unit_of(problem, variable), float(np.max(np.abs(values))))
-            grid[-1, v].xaxis.set_major_formatter(in_scale(scale))
-            grid[-1, v].xaxis.set_major_locator(MaxNLocator(3, steps=[1, 2, 5, 10]))
-            grid[-1, v].set_xlabel(f"{variable} [{scale.unit}]")
+            ax = grid[c, 0]
+            ax.set_ylim(-1.1 * reach, 1.1 * reach)
+            ax.yaxis.set_major_formatter(in_scale(scale))
+            ax.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
+            ax.set_ylabel(f"{channel} [{scale.unit}]")
+        for ax, variable in zip(grid[-1], variables, strict=True):
+            scale = scale_for(unit_of(problem, variable), float(np.max(np.abs(states[variable]))))
+            ax.xaxis.set_major_formatter(in_scale(scale))
+            ax.xaxis.set_major_locator(MaxNLocator(3, steps=[1, 2, 5, 10]))
+            ax.set_xlabel(f"{variable} [{scale.unit}]")
         legend(drawn, grid[0, 0])
         svg = inline(drawn, name)
+    labels = " and ".join(run.label for run in runs)
     return Picture(
-        svg,
-        f"Error of {', '.join(channels)} against {', '.join(variables)}",
-        "Measured minus simulated: median (line) and inner 80 % of the samples (band) in bins of "
-        "each observed variable. A line that is not flat says what the error depends on.",
+        svg, f"Error of {', '.join(channels)} against {', '.join(variables)}, {labels}", ""
     )
 
 
 def _profiles(ax: Axes, runs: Sequence[Run], c: int, variable: str) -> list[float]:
     """Draw one panel; return how far its bands reach."""
-    reach: list[float] = []
+    reach = [1e-300]
     for run in runs:
         prediction = run.comparison.prediction
         scored = prediction.scored
@@ -198,15 +221,14 @@ def _profiles(ax: Axes, runs: Sequence[Run], c: int, variable: str) -> list[floa
 def _closer(problem: Problem, comparison: Comparison) -> tuple[int, int]:
     """Return the samples of the span to look at closely: around the worst failure."""
     n = len(problem.time)
-    span = float(problem.time[-1]) * _ZOOM_SHARE
+    duration = float(problem.time[-1])
+    half, middle = _ZOOM[0] * duration, 0.5 * duration
     if comparison.worst:
         worst = comparison.worst[0]
         middle = 0.5 * (worst.begin + worst.end)
-        span = min(max(span, 1.5 * (worst.end - worst.begin)), 0.4 * float(problem.time[-1]))
-    else:
-        middle = 0.5 * float(problem.time[-1])
-    begin = int(np.clip(np.searchsorted(problem.time, middle - span), 0, n - 2))
-    end = int(np.clip(np.searchsorted(problem.time, middle + span), begin + 2, n))
+        half = float(np.clip(0.75 * (worst.end - worst.begin), half, _ZOOM[1] * duration))
+    begin = int(np.clip(np.searchsorted(problem.time, middle - half), 0, n - 2))
+    end = int(np.clip(np.searchsorted(problem.time, middle + half), begin + 2, n))
     return begin, end
 
 

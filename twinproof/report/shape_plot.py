@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 
 from identification.discovery.shape import MissingForce
-from twinproof.report.numbers import scale_for, significant
+from twinproof.report.numbers import quantity, scale_for
 from twinproof.report.picture import Picture, legend, limits
 from twinproof.report.svg import WIDTH, Role, figure, inline
 
@@ -28,6 +28,7 @@ def missing_force(found: MissingForce, effect: str, place_unit: str, name: str) 
     up = scale_for(found.unit, float(np.quantile(np.abs(np.concatenate([found.y, law])), 0.98)))
     what = "signal added" if curve.variable.name == "u" else "force"
     what = "torque" if found.unit == "N.m" else what
+    window = quantity(found.window, "s", 2)
     with figure(3.3, 0.8 * WIDTH) as drawn:
         ax = drawn.subplots()
         x, y = found.x / across.size, found.y / up.size
@@ -38,7 +39,7 @@ def missing_force(found: MissingForce, effect: str, place_unit: str, name: str) 
             color=Role.MEASURED.value,
             ms=3,
             alpha=0.35,
-            label=f"one window of {significant(found.window, 2)} s",
+            label=f"one window of {window}",
             rasterized=False,
         )
         for k, part in enumerate(_unbroken(found)):
@@ -68,14 +69,14 @@ def missing_force(found: MissingForce, effect: str, place_unit: str, name: str) 
     return Picture(
         svg,
         f"Missing {what} against {curve.variable.words}: {len(found.x)} windows of "
-        f"{significant(found.window, 2)} s, their medians in bins, and {effect} over them",
-        f"Each dot: the constant that explains one window of {significant(found.window, 2)} s, "
+        f"{window}, their medians in bins, and {effect} over them",
+        f"Each dot: the constant that explains one window of {window}, "
         "with the effect taken out and everything else kept. Positive opposes positive motion. "
-        "The dashed curve is evaluated from the effect's Modelica class."
+        "The dashed curve is evaluated from the effect’s Modelica class."
         if what != "signal added"
         else f"Each dot: the constant that explains one window of "
-        f"{significant(found.window, 2)} s, with the effect taken out and everything else kept. "
-        "The dashed curve is evaluated from the effect's Modelica class.",
+        f"{window}, with the effect taken out and everything else kept. "
+        "The dashed curve is evaluated from the effect’s Modelica class.",
     )
 
 

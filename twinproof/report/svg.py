@@ -90,6 +90,7 @@ _PROLOG = re.compile(r"\A.*?(?=<svg)", re.DOTALL)
 _NAMESPACE = re.compile(r' xmlns(?::xlink)?="[^"]*"')
 _SIZE = re.compile(r'(<svg\b[^>]*?) width="[^"]*"( [^>]*?)?height="[^"]*"', re.DOTALL)
 _DECIMALS = re.compile(r"(\d\.\d\d)\d+")
+_TAG = re.compile(r"<[^>]*>")
 _ID = re.compile(r' id="([^"]*)"')
 _REFERENCE = re.compile(r'(url\(#|href="#)([^)"]+)')
 
@@ -115,12 +116,18 @@ def inline(drawn: Figure, name: str) -> str:
         drawn: The figure.
         name: Unique in the page: identifiers inside the SVG begin with it.
     """
+    engine = drawn.get_layout_engine()
+    if engine is not None:
+        # Laid out once: saving would do it again, and draw everything twice.
+        engine.execute(drawn)
+        drawn.set_layout_engine("none")
     buffer = io.StringIO()
     drawn.savefig(buffer, format="svg", metadata={"Date": None})
     text = _PROLOG.sub("", buffer.getvalue(), count=1)
     text = _NAMESPACE.sub("", _METADATA.sub("", text)).replace("xlink:href", "href")
     text = _SIZE.sub(r'\1 aria-hidden="true" focusable="false"', text, count=1)
-    text = _DECIMALS.sub(r"\1", text)
+    # Coordinates need no more; what stands between tags are the figure's own numbers.
+    text = _TAG.sub(lambda m: _DECIMALS.sub(r"\1", m[0]), text)
     for role in Role:
         text = text.replace(role.value, role.css)
     used = {m[2] for m in _REFERENCE.finditer(text)}

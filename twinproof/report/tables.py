@@ -12,14 +12,22 @@ from identification.discovery.extension import ExtendedModel
 from identification.estimate import Estimate
 from identification.gauss_newton import Fit
 from identification.problem import Problem
-from twinproof.report.numbers import percent, quantity, significant, typeset, uncertain, with_unit
+from twinproof.report.numbers import (
+    percent,
+    quantity,
+    scale_for,
+    significant,
+    typeset,
+    uncertain,
+    with_unit,
+)
 from twinproof.report.picture import unit_of
 from twinproof.report.wording import fate, white
 
 
 @dataclass(frozen=True)
 class ChannelRow:
-    """One channel's error."""
+    """One channel's error; `white` is empty over windows, whose estimated starts are correlated."""
 
     name: str
     rmse: str
@@ -83,7 +91,7 @@ def channel_rows(
                 quantity(channel.rmse, unit),
                 percent(channel.nrmse),
                 quantity(channel.bias, unit, 2),
-                white(channel.white_p),
+                white(channel.white_p) if comparison.prediction.horizon is None else "",
                 quantity(least, unit, 2) if math.isfinite(least) else "unknown",
             )
         )
@@ -109,7 +117,9 @@ def span_rows(problem: Problem, comparison: Comparison) -> list[SpanRow]:
 
 
 def _range(problem: Problem, name: str, low: float, high: float) -> str:
-    return with_unit(f"{name} {significant(low)} to {significant(high)}", unit_of(problem, name))
+    scale = scale_for(unit_of(problem, name), max(abs(low), abs(high)))
+    text = f"{name} {significant(low / scale.size)} to {significant(high / scale.size)}"
+    return text if scale.unit == "1" else f"{text} {scale.unit}"
 
 
 def fit_rows(model: ExtendedModel, fit: Fit, problem: Problem) -> list[ParameterRow]:

@@ -5,25 +5,31 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
 
 from identification.comparison import Comparison
 from identification.discovery.diagnosis import Diagnosis, Outcome, Ranked
 from identification.discovery.ladder import Improvement, Step
 from identification.problem import Problem
-from twinproof.report.numbers import chance, percent, quantity, significant
+from twinproof.report.numbers import chance, percent, quantity, significant, typeset_powers
 from twinproof.report.picture import unit_of
 
 CHANCE_OF_WHITE = 0.01
 """Residuals less probable than this, were they white, are called correlated."""
 _ILL_CONDITIONED = 1e4
 _POORLY_KNOWN = 0.5
+# An error up to this many times its noise floor is called noise, beyond the other far above it.
+AT_NOISE = 1.2
+FAR = 100.0
 
 REMAINS = {
-    Outcome.COMPLETE: "Nothing that these data could show: what is left is the sensors' noise.",
+    Outcome.COMPLETE: "Nothing that these data could show: what is left is the sensors’ noise.",
     Outcome.EFFECT: "At least one more effect; the search stopped at the number asked for.",
     Outcome.UNDETERMINED: "At least one more effect, of several that these data do not tell apart; "
     "the search stopped at the number asked for.",
-    Outcome.UNKNOWN_SHAPE: "An error above the sensors' noise that no effect of the library "
+    Outcome.UNKNOWN_SHAPE: "An error above the sensors’ noise that no effect of the library "
     "explains beyond chance.",
     Outcome.SENSOR: "A sensor is wrong, not the dynamics.",
 }
@@ -38,14 +44,14 @@ def horizon_rule(horizon: float | None, duration: float) -> str:
             "fitted one). Its first tenth estimates the initial state; all of it is scored."
         )
     return (
-        f"Windows of {significant(horizon, 2)} s: in each, the model runs freely from an initial "
-        "state that is estimated from the window's first tenth, which is not scored."
+        f"Windows of {horizon:g} s: in each, the model runs freely from an initial "
+        "state that is estimated from the window’s first tenth, which is not scored."
     )
 
 
 def horizon_name(horizon: float | None) -> str:
     """Return a horizon in a few words."""
-    return "free simulation" if horizon is None else f"windows of {significant(horizon, 2)} s"
+    return "free simulation" if horizon is None else f"windows of {horizon:g} s"
 
 
 def spoken(label: str) -> str:
@@ -56,6 +62,19 @@ def spoken(label: str) -> str:
         'CoulombFriction at wheel'
     """
     return label.replace("@", " at ")
+
+
+def together(labels: Sequence[str]) -> str:
+    """Return several `EFFECT@PLACE`, a common place named once.
+
+    Example:
+        >>> together(["CoulombFriction@wheel", "QuadraticDrag@wheel"])
+        'CoulombFriction and QuadraticDrag at wheel'
+    """
+    places = {label.partition("@")[2] for label in labels}
+    if len(places) > 1:
+        return listed([spoken(label) for label in labels])
+    return f"{listed([label.partition('@')[0] for label in labels])} at {places.pop()}"
 
 
 def listed(words: Sequence[str], last: str = "and") -> str:
@@ -81,7 +100,7 @@ def error_measure(problem: Problem, horizon: float | None) -> str:
     where = "in free simulation" if horizon is None else f"over {horizon_name(horizon)}"
     if len(problem.output_names) == 1:
         return f"RMS error of {problem.output_names[0]} {where}"
-    return f"RMS error {where}, as a share of the signals' standard deviations"
+    return f"RMS error {where}, as a share of the signals’ standard deviations"
 
 
 def improvement_headline(improvement: Improvement) -> str:
@@ -90,45 +109,85 @@ def improvement_headline(improvement: Improvement) -> str:
     added = [a.label for a in improvement.added]
     if added:
         verb = "is" if len(added) == 1 else "are"
-        return f"{listed([spoken(label) for label in added])} {verb} missing from {name}"
+        return f"{together(added)} {verb} missing from {name}"
     if improvement.outcome is Outcome.COMPLETE:
         return f"Nothing is missing from {name}"
     return f"Something is missing from {name}, but no known effect explains it"
 
 
-def improvement_fall(improvement: Improvement, problem: Problem) -> str:
-    """Return by how much the error fell, in one sentence."""
+@dataclass(frozen=True)
+class Fall:
+    """By how much the error fell: a sentence around two numbers, and what noise alone leaves."""
+
+    record: str
+    measure: str
+    before: str
+    after: str
+    floor: str
+
+
+def improvement_fall(improvement: Improvement, problem: Problem) -> Fall:
+    """Return by how much the error fell on the record that counts."""
     first, last = improvement.steps[0], improvement.steps[-1]
-    measure = error_measure(problem, improvement.horizon)
-    before, after = _scored(first), _scored(last)
-    record = (
-        "a record that the fit has not seen"
-        if last.holdout is not None
-        else "the fitted record (no unseen one was given)"
+    return Fall(
+        record=(
+            "a record that the fit has not seen"
+            if last.holdout is not None
+            else "the fitted record (no unseen one was given)"
+        ),
+        measure=error_measure(problem, improvement.horizon),
+        before="" if first is last else error_of(problem, _scored(first)),
+        after=error_of(problem, _scored(last)),
+        floor=_floor_of(problem, _scored(last)),
     )
-    if first is last:
-        return f"On {record} the {measure} is {error_of(problem, after)}."
-    return (
-        f"On {record} the {measure} goes from {error_of(problem, before)} to "
-        f"{error_of(problem, after)}, with the parameters refitted at every step."
-    )
+
+
+def _floor_of(problem: Problem, comparison: Comparison) -> str:
+    """Return `error_of` a perfect model; empty where that is unknown or far out of sight."""
+    share = floor_share(comparison)
+    if not math.isfinite(share) or FAR * share < comparison.nrmse:
+        return ""
+    if len(comparison.channels) == 1:
+        return quantity(
+            float(comparison.prediction.floor[0]), unit_of(problem, problem.output_names[0])
+        )
+    return percent(share)
+
+
+def floor_share(comparison: Comparison) -> float:
+    """Return the overall NRMSE that sensor noise alone would leave; NaN where it is unknown."""
+    prediction = comparison.prediction
+    shares = prediction.floor / np.fmax(prediction.deviation, 1e-300)
+    return float(np.sqrt(np.mean(shares**2)))
+
+
+def noise_ratio(comparison: Comparison) -> float:
+    """Return the largest of the channels' errors over what noise alone would leave there."""
+    prediction = comparison.prediction
+    ratios = [
+        channel.rmse / floor if floor > 0 else math.inf
+        for channel, floor in zip(
+            comparison.channels.values(), prediction.floor.tolist(), strict=True
+        )
+    ]
+    return max(ratios) if all(math.isfinite(r) for r in ratios) else math.inf
+
+
+def at_noise(comparison: Comparison) -> bool:
+    """Return whether every channel's error is what sensor noise alone would leave, or nearly so."""
+    return noise_ratio(comparison) <= AT_NOISE
 
 
 def remaining(improvement: Improvement) -> str:
     """Return what the last model still lacks, and how far it is from the noise."""
-    last = _scored(improvement.steps[-1])
-    ratios = [
-        last.channels[name].rmse / floor
-        for name, floor in improvement.noise_floor.items()
-        if floor > 0
-    ]
+    ratio = noise_ratio(_scored(improvement.steps[-1]))
     sentence = REMAINS[improvement.outcome]
-    if not ratios or not math.isfinite(max(ratios)):
-        return sentence
-    worst = max(ratios)
-    if worst >= 100.0:
-        return f"{sentence} Sensor noise is no limit here: the error is far above it."
-    return f"{sentence} Every channel is within {significant(worst)} times its noise floor."
+    if ratio > FAR:
+        return f"{sentence} The error is far above the noise: better sensors would not lower it."
+    return (
+        f"{sentence} No channel’s error is more than {significant(ratio)} times what sensor noise "
+        "alone would leave."
+    )
 
 
 def certainty(improvement: Improvement) -> list[str]:
@@ -138,7 +197,7 @@ def certainty(improvement: Improvement) -> list[str]:
     for before, step in itertools.pairwise(steps):
         if step.added is None or step.verdict is None:
             continue
-        sentence = f"{spoken(step.added.label)}: {step.verdict.reason}"
+        sentence = f"{spoken(step.added.label)}: {typeset_powers(step.verdict.reason)}"
         rival = next(
             (r for r in before.diagnosis.ranking if r.refitted and r.label != step.added.label),
             None,
@@ -146,8 +205,8 @@ def certainty(improvement: Improvement) -> list[str]:
         mine = next((r for r in before.diagnosis.ranking if r.label == step.added.label), None)
         if rival is not None and mine is not None:
             sentence += (
-                f"; its evidence is {significant(mine.evidence)} nats, the next best candidate's "
-                f"({spoken(rival.label)}) {significant(rival.evidence)}"
+                f"; evidence {significant(mine.evidence)} nats, against "
+                f"{significant(rival.evidence)} for the runner-up, {spoken(rival.label)}"
             )
         sentences.append(sentence + ".")
         sentences += [tied(tie, step.added.label) for tie in before.diagnosis.ties]
@@ -174,7 +233,7 @@ def _nothing_added(diagnosis: Diagnosis) -> str:
     if not diagnosis.checks:
         return "No candidate promises more than the best of so many would by chance."
     return "No candidate passed: " + "; ".join(
-        f"{spoken(label)}, {verdict.reason}" for label, verdict in diagnosis.checks.items()
+        f"{spoken(label)}, {typeset_powers(verdict.reason)}" for label, verdict in diagnosis.checks.items()
     ) + "."  # fmt: skip
 
 
@@ -213,7 +272,7 @@ def fate(row: Ranked, diagnosis: Diagnosis) -> tuple[str, str]:
     """Return what became of a candidate and why: (`added`, `rejected` or `not tried`, reason)."""
     check = diagnosis.checks.get(row.label)
     if check is not None:
-        return ("added" if check.accepted else "rejected"), check.reason
+        return ("added" if check.accepted else "rejected"), typeset_powers(check.reason)
     if diagnosis.chosen is not None:
         return "not tried", "a better candidate had passed already"
     return "not tried", "it promises no more than the best of so many would by chance"
