@@ -97,12 +97,12 @@ def run_co_simulation(
         FmuError: A call did not succeed.
         InputError: A value cannot be set.
     """
-    points = _communication_points(grid, signals)
+    points = communication_points(grid, signals)
     rows = np.searchsorted(points, grid)
     is_recorded = np.zeros(points.size, bool)
     is_recorded[rows] = True
     names = list(signals[1]) if signals is not None else []
-    held, slopes = _sampled(points, signals, hold, _can_interpolate(description))
+    held, slopes = sampled(points, signals, hold, _can_interpolate(description))
     first = dict(zip(names, held[0].tolist(), strict=True))
     initialise(
         instance,
@@ -113,7 +113,7 @@ def run_co_simulation(
         tolerance=tolerance,
         inputs=first,
     )
-    call = _Calls(instance, description, names, outputs)
+    call = _StepCalls(instance, description, names, outputs)
     result = np.empty((grid.size, len(outputs)))
     row = 0
     times: list[float] = points.tolist()
@@ -130,7 +130,8 @@ def run_co_simulation(
     return result
 
 
-def _communication_points(grid: Array, signals: tuple[Array, Mapping[str, Array]] | None) -> Array:
+def communication_points(grid: Array, signals: tuple[Array, Mapping[str, Array]] | None) -> Array:
+    """Return the times of the result and of the inputs together, shape (m,), rising."""
     if signals is None:
         return grid
     time = signals[0]
@@ -146,7 +147,7 @@ def _can_interpolate(description: Any) -> bool:
     return bool(description.coSimulation.canInterpolateInputs)
 
 
-def _sampled(
+def sampled(
     points: Array,
     signals: tuple[Array, Mapping[str, Array]] | None,
     hold: str,
@@ -171,8 +172,15 @@ def _sampled(
     return np.ascontiguousarray(values + rise / 2), None
 
 
-class _Calls:
-    """The FMU's functions, called on rows of NumPy arrays."""
+class Calls:
+    """The FMU's functions, called on rows of NumPy arrays.
+
+    Args:
+        instance: FMPy's instance.
+        description: FMPy's model description.
+        inputs: Names of the inputs, in the order of the columns that are set.
+        outputs: Names of the variables to get.
+    """
 
     def __init__(
         self, instance: Any, description: Any, inputs: Sequence[str], outputs: Sequence[str]
@@ -188,26 +196,17 @@ class _Calls:
         )
         self._real_columns = [i for i, name in enumerate(outputs) if name not in others]
         self._buffer = np.empty(len(self._outputs))
-        self._orders = (c_int * max(len(inputs), 1))(*[1] * len(inputs))
         self._set_real = _function(instance, "fmi2SetReal", c_void_p, c_size_t, c_void_p)
         self._get_real = _function(instance, "fmi2GetReal", c_void_p, c_size_t, c_void_p)
-        self._set_derivatives = _function(
-            instance, "fmi2SetRealInputDerivatives", c_void_p, c_size_t, c_void_p, c_void_p
-        )
-        self._do_step = _function(instance, "fmi2DoStep", c_double, c_double, c_int)
 
     def set_inputs(self, table: Array, k: int) -> None:
+        """Set all inputs from row `k` of a table (m, inputs)."""
         n = len(self._inputs)
         address = table.ctypes.data + 8 * n * k
         _succeed(self._set_real(self._component, self._inputs, n, address), "inputs")
 
-    def set_slopes(self, table: Array, k: int) -> None:
-        n = len(self._inputs)
-        address = table.ctypes.data + 8 * n * k
-        status = self._set_derivatives(self._component, self._inputs, n, self._orders, address)
-        _succeed(status, "slopes of the inputs")
-
     def get_outputs(self, table: Array, row: int) -> None:
+        """Put the present outputs into a row of a table (n, outputs)."""
         n, address = len(self._outputs), self._buffer.ctypes.data
         _succeed(self._get_real(self._component, self._outputs, n, address), "outputs")
         table[row, self._real_columns] = self._buffer
@@ -215,7 +214,29 @@ class _Calls:
             getter = getattr(self._instance, f"get{variable.type}")
             table[row, column] = float(getter([variable.valueReference])[0])
 
+
+class _StepCalls(Calls):
+    """Further functions of Co-Simulation."""
+
+    def __init__(
+        self, instance: Any, description: Any, inputs: Sequence[str], outputs: Sequence[str]
+    ) -> None:
+        super().__init__(instance, description, inputs, outputs)
+        self._orders = (c_int * max(len(inputs), 1))(*[1] * len(inputs))
+        self._set_derivatives = _function(
+            instance, "fmi2SetRealInputDerivatives", c_void_p, c_size_t, c_void_p, c_void_p
+        )
+        self._do_step = _function(instance, "fmi2DoStep", c_double, c_double, c_int)
+
+    def set_slopes(self, table: Array, k: int) -> None:
+        """Set the slopes of all inputs from row `k` of a table (m, inputs)."""
+        n = len(self._inputs)
+        address = table.ctypes.data + 8 * n * k
+        status = self._set_derivatives(self._component, self._inputs, n, self._orders, address)
+        _succeed(status, "slopes of the inputs")
+
     def do_step(self, time: float, step: float) -> None:
+        """Advance the instance."""
         status = self._do_step(self._component, time, step, 1)
         _succeed(status, f"step from time {time:g} s")
 

@@ -17,6 +17,7 @@ import numpy.typing as npt
 from fmus.archive import FmuDescription, description_of, extract, read_description
 from fmus.co_simulation import Messages, run_co_simulation
 from fmus.dae import Dae
+from fmus.model_exchange import run_model_exchange
 from fmus.package import cached_fmu
 from fmus.sources import ModelicaSource, find_source
 from foundation.errors import FmuError, InputError, UnknownNameError
@@ -25,6 +26,10 @@ Array: TypeAlias = npt.NDArray[np.float64]
 Kind: TypeAlias = Literal["CoSimulation", "ModelExchange"]
 Hold: TypeAlias = Literal["zero-order", "linear"]
 Inputs: TypeAlias = tuple[Array, Mapping[str, Array]]
+
+
+_TOLERANCE = 1e-10
+"""Of CVODE, if none is asked for: its error over a run is hundreds of times that of a step."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,13 +145,24 @@ class Fmu:
         grid = _grid(signals, start, stop, step)
         instance, messages = self.instantiate(kind)
         try:
-            if kind == "CoSimulation" and self.description.fmi == "2.0":
+            if self.description.fmi != "2.0":
+                columns = self._run_with_fmpy(
+                    instance, kind, grid, signals, values, names, hold, tolerance
+                )
+            elif kind == "CoSimulation":
                 columns = run_co_simulation(
                     instance, self._description, grid, signals, values, names, hold, tolerance
                 )
             else:
-                columns = self._run_with_fmpy(
-                    instance, kind, grid, signals, values, names, hold, tolerance
+                columns = run_model_exchange(
+                    instance,
+                    self._description,
+                    grid,
+                    signals,
+                    values,
+                    names,
+                    hold,
+                    tolerance or _TOLERANCE,
                 )
         except Exception as error:
             if isinstance(error, InputError) and not isinstance(error, FmuError):
@@ -190,7 +206,7 @@ class Fmu:
             start_time=float(grid[0]),
             stop_time=float(grid[-1]),
             output_interval=step,
-            relative_tolerance=tolerance or 1e-10,
+            relative_tolerance=tolerance or _TOLERANCE,
             start_values=dict(values),
             input=None if signals is None else _steps(signals, hold),  # pyright: ignore[reportArgumentType] - None is its default
             output=list(names),
@@ -328,7 +344,7 @@ def _grid(
 def _steps(signals: Inputs, hold: Hold) -> npt.NDArray[Any]:
     """Return inputs as FMPy takes them, with two rows at a jump: a staircase.
 
-    FMPy's integrator holds inputs over a step, so lines become stairs through their midpoints.
+    FMPy holds inputs over a step, so lines become stairs through their midpoints.
     """
     time, columns = signals
     table = np.empty(

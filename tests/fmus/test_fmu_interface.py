@@ -20,6 +20,26 @@ from fmus.package import cached_fmu, export
 from fmus.running import Fmu, model_fmu, simulate, simulate_model
 from fmus.sources import library_class
 from foundation.errors import FmuError, InputError, UnknownNameError
+from modelica import LIBRARY
+
+CLASSES = [
+    ".".join(("Twinproof", folder, file.stem))
+    for folder in ("Plants", "Examples")
+    for file in sorted((LIBRARY / folder).glob("*.mo"))
+    if file.stem != "package"
+]
+
+
+@pytest.mark.parametrize("name", CLASSES)
+def test_every_plant_and_example_is_a_valid_fmu_and_runs(name):
+    fmu = cached_fmu(library_class(name))
+    assert validate_fmu(str(fmu)) == []
+    runs = [simulate(fmu, stop=0.01, step=0.005, kind=k) for k in describe(fmu).kinds]
+    assert len(runs) == 2
+    for output, column in runs[0].columns.items():
+        assert np.all(np.isfinite(column))
+        assert runs[1][output] == pytest.approx(column, abs=1e-7)
+
 
 # Everything that a state must hold: events, a discrete variable, a delay, an input.
 EVENTFUL = """model T parameter Real k = 3; parameter Real e = 0.7; input Real u(start = 0);

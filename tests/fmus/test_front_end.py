@@ -38,7 +38,7 @@ MECHANICS = """
 
 @pytest.mark.parametrize("name", CLASSES)
 def test_every_class_of_the_library_passes_the_linter(name):
-    assert load(library_class(name)).states
+    assert load(library_class(name)).outputs
 
 
 # Aliases
