@@ -22,6 +22,8 @@ NDArrayBool = NDArray[np.bool_]
 
 # Beyond this a window is on its way out, and squares of it overflow.
 _LARGEST = 1e100
+_DIGITS = 1e-12  # of a channel that a misfit may have and still mean something
+_DETERMINED = 1e-14  # smallest share of the largest eigenvalue that is not rounding
 _PROJECTED = 1e-9  # share of a parameter's information that must survive projection
 
 
@@ -183,9 +185,13 @@ def _diverged(ny: int, ns: int) -> Linearised:
     )
 
 
-def weights(noise_sd: Vector, rms: Vector) -> Vector:
-    """Return each channel's weight: its sensor's noise, or the misfit where that is larger."""
-    return np.fmax(np.fmax(noise_sd, rms), 1e-300)
+def weights(problem: Problem, rms: Vector) -> Vector:
+    """Return (ny,) each channel's weight: its sensor's noise, or the misfit where that is larger.
+
+    Never below a double's digits of the channel, so that squares stay finite where nothing moves.
+    """
+    largest = np.max(np.abs(problem.outputs), axis=0)
+    return np.fmax(np.fmax(problem.noise_sd, rms), _DIGITS * np.where(largest > 0, largest, 1.0))
 
 
 @dataclass(frozen=True)
@@ -226,18 +232,14 @@ def fit(
     names = shooting.sensitive
     chosen = np.array([name in (free if free is not None else names) for name in names])
     low, high = _bounds(problem, names)
-    sd = (
-        fixed_sd
-        if fixed_sd is not None
-        else weights(problem.noise_sd, np.std(problem.outputs, axis=0))
-    )
+    sd = fixed_sd if fixed_sd is not None else weights(problem, np.std(problem.outputs, axis=0))
     point = _Point(dict(values), x0, linearise(problem, shooting, windows, x0, values, sd))
     if not np.isfinite(point.at.cost):
         return _finish(names, chosen, point, sd, converged=False)
     converged, damping = False, 1e-4
     for _ in range(iterations):
         if fixed_sd is None:
-            new_sd = weights(problem.noise_sd, point.at.rms)
+            new_sd = weights(problem, point.at.rms)
             if np.any(np.abs(new_sd - sd) > 1e-3 * sd):
                 sd = new_sd
                 point = _Point(
@@ -252,7 +254,7 @@ def fit(
         new, damping = step
         drop = (point.at.cost - new.at.cost) / max(point.at.cost, 1e-300)
         moved_sd = fixed_sd is None and bool(
-            np.any(np.abs(weights(problem.noise_sd, new.at.rms) - sd) > 1e-3 * sd)
+            np.any(np.abs(weights(problem, new.at.rms) - sd) > 1e-3 * sd)
         )
         point = new
         if drop < tolerance and not moved_sd:
@@ -349,21 +351,33 @@ def _finish(
 def covariance_of(at: Linearised, index: NDArray[np.intp]) -> tuple[Matrix, float]:
     """Return the covariance of some parameters, and the condition number of their Jacobian.
 
-    The sandwich H⁻¹ S H⁻¹ with S from sums over short blocks, so that residuals that are correlated
-    in time (a model error, a coloured disturbance) widen it; never narrower than white noise of the
-    present size would make it.
+    The sandwich H⁻¹ S H⁻¹ (H. White, Econometrica 50 (1982) 1), so that residuals that are correlated
+    in time (a model error, a coloured disturbance) widen it. S comes from the windows' scores: each
+    has an initial state of its own, so what correlates within a window does not reach the next. Too
+    few windows for that are cut into short blocks. In no direction is the result narrower than what
+    white noise of the present size would make it, and a combination that the data do not determine
+    has a variance beyond all others.
     """
     normal = at.normal[np.ix_(index, index)]
     scale = np.sqrt(np.diag(normal))
-    scaled = normal / np.outer(scale, scale)
-    eigenvalues = np.linalg.eigvalsh(scaled)
-    condition = float(np.sqrt(eigenvalues[-1] / max(eigenvalues[0], 1e-300)))
-    inverse = np.linalg.pinv(scaled, rcond=1e-13, hermitian=True)
-    scores = at.scores[:, index] / scale
-    blocks = len(scores)
-    spread = scores.T @ scores * (blocks / max(blocks - len(index), 1))
-    sandwich = inverse @ spread @ inverse
-    white = inverse * at.cost / max(at.samples * len(at.rms), 1)
-    wider = np.maximum(1.0, np.diag(white) / np.maximum(np.diag(sandwich), 1e-300))
-    grow = np.sqrt(wider)
-    return sandwich * np.outer(grow, grow) / np.outer(scale, scale), condition
+    eigenvalues, vectors = np.linalg.eigh(normal / np.outer(scale, scale))
+    largest = eigenvalues[-1]
+    condition = float(np.sqrt(largest / max(eigenvalues[0], 1e-300)))
+    root = vectors / np.sqrt(np.fmax(eigenvalues, _DETERMINED * largest))
+    k, nx = len(index), len(at.grams[0][1]) - len(at.raw)
+    per_window = np.array([_projected(gram, score, nx) for gram, score in at.grams])
+    scores = per_window if len(per_window) > k else at.scores
+    # In the coordinates of `root`, white noise of unit size has the covariance I.
+    whitened = (scores[:, index] / scale) @ root
+    spread = whitened.T @ whitened * (len(scores) / max(len(scores) - k, 1))
+    freedom = at.samples * len(at.rms) - k - nx * len(at.grams)
+    white = at.cost / max(freedom, 1)
+    sizes, directions = np.linalg.eigh(spread)
+    half = root @ (directions * np.sqrt(np.fmax(sizes, white))) / scale[:, None]
+    return half @ half.T, condition
+
+
+def _projected(gram: Matrix, score: Vector, nx: int) -> Vector:
+    """Return (ns,) a window's score with its initial state eliminated."""
+    weight, _ = _eliminate(gram, score, nx, 0.0)
+    return score[nx:] - weight.T @ score[:nx]
