@@ -214,6 +214,7 @@ def simulate(
     seed: int = 1,
     duration: float = 20.0,
     ideal_sensors: bool = False,
+    disturbance: Callable[[float], float] | None = None,
 ) -> Run:
     """Balance the pendulum for a while and return the recording.
 
@@ -226,6 +227,7 @@ def simulate(
         seed: Seed of the measurement noise.
         duration: Length, s.
         ideal_sensors: Without noise and quantisation, for controller and logger alike.
+        disturbance: Voltage that reaches the motor and nobody logs, V, as a function of time, s.
 
     Raises:
         KeyError: An effect that is not in `EFFECTS`.
@@ -278,6 +280,8 @@ def simulate(
         exact.append((wheel, pitch, rate, volts))
 
         applied = gain * _after_dead_zone(volts, dead_zone) + offset
+        if disturbance is not None:
+            applied += disturbance(k * STEP)
         for _ in range(SUBSTEPS):
             x = advance(x, applied, torques, STEP / SUBSTEPS)
         if not isfinite(x[1]) or abs(x[1]) > pi / 2:
@@ -291,6 +295,27 @@ def simulate(
         state=np.array(states),
         reference=np.array(wanted),
     )
+
+
+def low_pass_noise(
+    rms: float, rate: float, seed: int, duration: float = 20.0
+) -> Callable[[float], float]:
+    """Return first-order low-pass noise as a function of time: what a supply or a floor may do.
+
+    Args:
+        rms: Stationary standard deviation.
+        rate: Corner of the low-pass, 1/s.
+        seed: Of its own, apart from the sensors'.
+        duration: Length, s.
+    """
+    n = round(duration / STEP) + 1
+    white = np.random.default_rng(seed).standard_normal(n)
+    decay = float(np.exp(-rate * STEP))
+    values = np.empty(n)
+    values[0] = rms * white[0]
+    for k in range(1, n):
+        values[k] = decay * values[k - 1] + rms * np.sqrt(1 - decay**2) * white[k]
+    return lambda t: float(values[round(t / STEP)])
 
 
 def fitted_run() -> Run:

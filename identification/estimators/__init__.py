@@ -9,6 +9,7 @@ from identification.estimators.auto import Auto
 from identification.estimators.base import Estimator
 from identification.estimators.differencing import Differencing
 from identification.estimators.filtered_least_squares import FilteredLeastSquares
+from identification.estimators.kalman import Kalman
 from identification.estimators.output_error import OutputError
 
 ESTIMATORS: Mapping[str, Callable[[], Estimator]] = {
@@ -16,6 +17,7 @@ ESTIMATORS: Mapping[str, Callable[[], Estimator]] = {
     "differencing": Differencing,
     "output-filter": FilteredLeastSquares,
     "output-error": OutputError,
+    "kalman": Kalman,
 }
 """Every estimator by its word in `--method`."""
 
@@ -41,6 +43,7 @@ __all__ = [
     "Differencing",
     "Estimator",
     "FilteredLeastSquares",
+    "Kalman",
     "OutputError",
     "estimator",
 ]

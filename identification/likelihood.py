@@ -1,0 +1,294 @@
+"""Maximum likelihood over a filter's innovations (prediction-error method).
+
+Parameters and the disturbances' two numbers each are found together by Fisher scoring: for scalar
+innovations v with variance S the information is Σ ∂v∂v/S + ½ ∂S∂S/S² (Segal and Weinstein 1989),
+with derivatives by differences of whole filter runs. The inverse information at the maximum is the
+covariance of everything estimated, the disturbance's own numbers included.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+
+from identification.innovations import Disturbance, InnovationFilter, Innovations
+from identification.prediction import noise_estimate
+from identification.problem import Matrix, Problem, Vector
+from identification.windows import Window, guess_states
+
+_WORKERS = 2
+_DIFFERENCE = 1e-5
+_PROJECTED = 1e-9
+_SLOWEST, _FASTEST = 0.01, 300.0
+# A change of the log-likelihood that is not worth another step [nats].
+_SMALL_GAIN = 0.01
+
+
+@dataclass(frozen=True)
+class Likelihood:
+    """A record, a filter, and what is to be estimated.
+
+    Attributes:
+        problem: The record; its model has the disturbances as parameters.
+        filter: Compiled.
+        free: Parameters to estimate.
+        noise_sd: (ny,) of the sensors.
+        mean, variance: (nx,) prior of the first state.
+    """
+
+    problem: Problem
+    filter: InnovationFilter
+    free: tuple[str, ...]
+    noise_sd: Vector
+    mean: Vector
+    variance: Vector
+
+    @classmethod
+    def of(cls, problem: Problem, disturbances: Sequence[str]) -> Likelihood:
+        """Compile the filter of a problem.
+
+        Args:
+            problem: Its model has the disturbances as parameters, its free ones are estimated.
+            disturbances: Their names.
+        """
+        compiled = InnovationFilter(problem.dae, problem.output_names, disturbances)
+        window = Window(0, len(problem.time))
+        mean = guess_states(problem, compiled, (window,))[0]
+        noise = noise_estimate(problem)
+        # Wide: the first samples may hold a start-up transient that no polynomial follows, and a
+        # few samples tell the state whatever it was thought to be before.
+        variance = np.maximum(np.abs(mean), 1.0) ** 2
+        for i, (output, gain) in compiled.measured_states.items():
+            span = float(np.std(problem.outputs[:, output]))
+            variance[i] = max(10 * noise[output], 0.1 * span) ** 2 / gain**2
+        free = tuple(n for n in problem.free if n not in disturbances)
+        return cls(problem, compiled, free, noise, mean, variance)
+
+    def run(
+        self,
+        values: Mapping[str, float],
+        disturbances: Sequence[Disturbance],
+        *,
+        track: bool = False,
+    ) -> Innovations:
+        """Filter the record with given parameters."""
+        problem = self.problem
+        p = self.filter.parameter_vector(values)
+        inputs = self.filter.inputs_with_delays(problem.inputs, problem.sample_time, p)
+        return self.filter.filter(
+            self.mean,
+            self.variance,
+            inputs,
+            problem.outputs,
+            p,
+            problem.sample_time,
+            self.noise_sd,
+            disturbances,
+            track=track,
+        )
+
+
+@dataclass(frozen=True)
+class Expansion:
+    """Innovations and their derivatives at one point.
+
+    Attributes:
+        at: The run there.
+        score: (k,) gradient of the log-likelihood.
+        information: (k, k).
+    """
+
+    at: Innovations
+    score: Vector
+    information: Matrix
+
+
+def expand(
+    likelihood: Likelihood,
+    values: Mapping[str, float],
+    disturbances: Sequence[Disturbance],
+    steps: Mapping[str, float],
+    *,
+    shape: bool = True,
+) -> Expansion:
+    """Differentiate the innovations with respect to parameters and the disturbances' numbers.
+
+    Args:
+        likelihood: What is estimated.
+        values: Every independent parameter.
+        disturbances: Present processes.
+        steps: Difference step of each parameter to differentiate by.
+        shape: Also differentiate by the logarithms of every disturbance's rate and deviation.
+
+    Returns:
+        In the order of `steps`, then (log rate, log sd) of each disturbance.
+    """
+    at = likelihood.run(values, disturbances)
+
+    def moved(name: str) -> Innovations:
+        return likelihood.run({**values, name: values[name] + steps[name]}, disturbances)
+
+    def reshaped(which: tuple[int, str]) -> Innovations:
+        index, part = which
+        new = list(disturbances)
+        factor = np.exp(_DIFFERENCE)
+        old = new[index]
+        new[index] = (
+            Disturbance(old.rate * factor, old.sd)
+            if part == "rate"
+            else Disturbance(old.rate, old.sd * factor)
+        )
+        return likelihood.run(values, new)
+
+    shapes = [(i, part) for i in range(len(disturbances)) for part in ("rate", "sd")]
+    with ThreadPoolExecutor(_WORKERS) as pool:
+        runs = list(pool.map(moved, steps))
+        others = list(pool.map(reshaped, shapes)) if shape else []
+    widths = [*steps.values(), *([_DIFFERENCE] * len(others))]
+    weight = 1.0 / np.sqrt(at.variances)
+    dv = [
+        ((run.innovations - at.innovations) * weight / w).ravel()
+        for run, w in zip((*runs, *others), widths, strict=True)
+    ]
+    ds = [
+        ((run.variances - at.variances) / at.variances / w).ravel()
+        for run, w in zip((*runs, *others), widths, strict=True)
+    ]
+    v = at.normalised.ravel()
+    slope, spread = np.array(dv).reshape(len(widths), -1), np.array(ds).reshape(len(widths), -1)
+    score = -slope @ v + 0.5 * spread @ (v * v - 1.0)
+    information = slope @ slope.T + 0.5 * spread @ spread.T
+    return Expansion(at, score, information)
+
+
+@dataclass(frozen=True)
+class Maximum:
+    """A maximum of the likelihood.
+
+    Attributes:
+        values: Every independent parameter.
+        disturbances: The processes.
+        free: Estimated parameters, in the order of `covariance`.
+        covariance: (k, k) with the disturbances' numbers estimated as well.
+        information: (k + 2·disturbances,) square, at the maximum.
+        innovations: The run at the maximum.
+        converged: The last step was small against the standard deviations.
+    """
+
+    values: Mapping[str, float]
+    disturbances: tuple[Disturbance, ...]
+    free: tuple[str, ...]
+    covariance: Matrix
+    information: Matrix
+    innovations: Innovations
+    converged: bool
+
+    @property
+    def log_likelihood(self) -> float:
+        """Of the record, without its constant."""
+        return self.innovations.log_likelihood
+
+
+def maximise(
+    likelihood: Likelihood,
+    values: Mapping[str, float],
+    disturbances: Sequence[Disturbance],
+    *,
+    iterations: int = 25,
+) -> Maximum:
+    """Maximise the likelihood by damped Fisher scoring.
+
+    A disturbance that the record does not need shrinks without end; once the likelihood no longer
+    notices it, it is set to zero and its two numbers are no longer estimated.
+
+    Args:
+        likelihood: What is estimated.
+        values: Start; every independent parameter.
+        disturbances: Start.
+    """
+    free = likelihood.free
+    current, processes = dict(values), tuple(disturbances)
+    steps = {n: _DIFFERENCE * max(abs(current[n]), 1e-3) for n in free}
+    shape = any(d.sd > 0 for d in processes)
+    expansion = expand(likelihood, current, processes, steps, shape=shape)
+    damping, converged = 1e-3, False
+    for _ in range(iterations):
+        if shape and _needless(likelihood, current, processes, expansion):
+            processes, shape = tuple(Disturbance(d.rate, 0.0) for d in processes), False
+            expansion = expand(likelihood, current, processes, steps, shape=False)
+        found = _ascend(likelihood, expansion, current, processes, damping)
+        if found is None:
+            converged = True
+            break
+        gained = found[2].log_likelihood - expansion.at.log_likelihood
+        current, processes, _, damping = found
+        expansion = expand(likelihood, current, processes, steps, shape=shape)
+        if gained < _SMALL_GAIN:
+            converged = True
+            break
+    covariance = np.asarray(
+        np.linalg.pinv(expansion.information, rcond=1e-14, hermitian=True), dtype=np.float64
+    )
+    k = len(free)
+    return Maximum(
+        current, processes, free, covariance[:k, :k], expansion.information, expansion.at, converged
+    )
+
+
+def _ascend(
+    likelihood: Likelihood,
+    expansion: Expansion,
+    values: Mapping[str, float],
+    disturbances: tuple[Disturbance, ...],
+    damping: float,
+) -> tuple[dict[str, float], tuple[Disturbance, ...], Innovations, float] | None:
+    """Return a point of larger likelihood and the damping to go on with; None if there is none."""
+    for _ in range(10):
+        move = _solve(expansion, damping)
+        new, shaped = _moved(values, disturbances, likelihood.free, move)
+        run = likelihood.run(new, shaped)
+        if run.log_likelihood > expansion.at.log_likelihood:
+            return new, shaped, run, damping / 10
+        damping = max(10 * damping, 1e-4)
+    return None
+
+
+def _needless(
+    likelihood: Likelihood,
+    values: Mapping[str, float],
+    disturbances: tuple[Disturbance, ...],
+    expansion: Expansion,
+) -> bool:
+    without = likelihood.run(values, [Disturbance(d.rate, 0.0) for d in disturbances])
+    return without.log_likelihood > expansion.at.log_likelihood - _SMALL_GAIN
+
+
+def _solve(expansion: Expansion, damping: float) -> Vector:
+    scale = np.sqrt(np.maximum(np.diag(expansion.information), 1e-300))
+    scaled = expansion.information / np.outer(scale, scale)
+    damped = scaled + damping * np.eye(len(scale))
+    return np.linalg.solve(damped, expansion.score / scale) / scale
+
+
+def _moved(
+    values: Mapping[str, float],
+    disturbances: Sequence[Disturbance],
+    free: Sequence[str],
+    move: Vector,
+) -> tuple[dict[str, float], tuple[Disturbance, ...]]:
+    new = {**values, **{n: values[n] + float(m) for n, m in zip(free, move, strict=False)}}
+    if len(move) == len(free):
+        return new, tuple(disturbances)
+    # The logarithms move by at most one at a time.
+    logs = np.clip(move[len(free) :], -1.0, 1.0)
+    shaped = tuple(
+        Disturbance(
+            float(np.clip(d.rate * np.exp(logs[2 * i]), _SLOWEST, _FASTEST)),
+            float(d.sd * np.exp(logs[2 * i + 1])),
+        )
+        for i, d in enumerate(disturbances)
+    )
+    return new, shaped
