@@ -232,9 +232,11 @@ def contradiction(step: Step) -> str:
 def _nothing_added(diagnosis: Diagnosis) -> str:
     if not diagnosis.checks:
         return "No candidate promises more than the best of so many would by chance."
-    return "No candidate passed: " + "; ".join(
-        f"{spoken(label)}, {typeset_powers(verdict.reason)}" for label, verdict in diagnosis.checks.items()
-    ) + "."  # fmt: skip
+    tried = [
+        f"{spoken(label)}, {typeset_powers(verdict.reason)}"
+        for label, verdict in diagnosis.checks.items()
+    ]
+    return f"No candidate passed: {'; '.join(tried)}."
 
 
 def tied(tie: Sequence[str], chosen: str = "") -> str:
