@@ -130,3 +130,16 @@ class CasadiFold:
                 return self(comparison) if self.relation is None else self.relation(expression)
             case Symbol() | Derivative() | Previous() | Delayed() | Time():
                 return self.leaf(expression)
+
+
+def evaluate(expression: Expression, values: Mapping[str, float]) -> float:
+    """Evaluate an expression of parameters and literals in floating point.
+
+    Raises:
+        KeyError: A name has no value.
+
+    Example:
+        >>> evaluate(Operation("multiply", (Literal(2), Symbol("k"))), {"k": 3.0})
+        6.0
+    """
+    return float(CasadiFold.of_numbers(values)(expression))

@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 from enum import Enum
 from functools import cached_property
 
-from fmus.expressions import Delayed, Expression, Literal, Relation, Symbol, evaluate, walk
+from fmus.casadi_expressions import evaluate
+from fmus.expressions import Delayed, Expression, Literal, Relation, Symbol, walk
 
 
 class Role(Enum):

@@ -6,7 +6,7 @@ fold, so a construct is understood in one place or refused in one place.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -194,18 +194,3 @@ def _combine(a: _Linear | None, ka: float, b: _Linear | None, kb: float) -> _Lin
     for key, value in b[0].items():
         terms[key] = terms.get(key, 0.0) + kb * value
     return {key: value for key, value in terms.items() if value != 0.0}, ka * a[1] + kb * b[1]
-
-
-def evaluate(expression: Expression, values: Mapping[str, float]) -> float:
-    """Evaluate an expression of parameters and literals in floating point.
-
-    Raises:
-        KeyError: A name has no value.
-
-    Example:
-        >>> evaluate(Operation("multiply", (Literal(2), Symbol("k"))), {"k": 3.0})
-        6.0
-    """
-    from fmus.casadi_expressions import CasadiFold  # noqa: PLC0415 - the fold imports this module
-
-    return float(CasadiFold.of_numbers(values)(expression))

@@ -97,7 +97,7 @@ def parse_addition(text: str, source: ModelicaSource) -> Addition:
     head, *settings = text.split(",")
     effect_name, _, place_name = head.partition("@")
     there = places(source)
-    by_name = {p.name: p for p in there}
+    by_name = {name: p for p in there for name in (p.name, *p.also)}
     if place_name not in by_name:
         raise UnknownNameError("place", place_name, by_name, where=f"--add {text}")
     place = by_name[place_name]
