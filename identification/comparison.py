@@ -25,7 +25,7 @@ class ChannelError:
 
     Attributes:
         rmse: In the channel's unit.
-        nrmse: RMSE over the standard deviation of the measurement.
+        nrmse: RMSE over the standard deviation of the measurement; NaN if it is constant.
         bias: Mean error, measured minus simulated.
         white_p: Probability of residuals this correlated if they were white (Ljung–Box, 20 lags).
     """
@@ -146,7 +146,7 @@ def _worst(
     problem: Problem, prediction: Prediction, states: Mapping[str, Vector]
 ) -> tuple[Failure, ...]:
     n = len(problem.time)
-    scaled = prediction.error / np.fmax(prediction.deviation, 1e-300)
+    scaled = prediction.error / np.where(prediction.moves, prediction.deviation, np.inf)
     scaled = np.where(prediction.scored[:, None], scaled, 0.0)
     scaled = np.where(np.isfinite(scaled), scaled, 1e6)
     edges = np.linspace(0, n, min(_SPANS, n) + 1).astype(int)

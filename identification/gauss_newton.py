@@ -351,8 +351,8 @@ def _finish(
 def covariance_of(at: Linearised, index: NDArray[np.intp]) -> tuple[Matrix, float]:
     """Return the covariance of some parameters, and the condition number of their Jacobian.
 
-    The sandwich H⁻¹ S H⁻¹ (H. White, Econometrica 50 (1982) 1), so that residuals that are correlated
-    in time (a model error, a coloured disturbance) widen it. S comes from the windows' scores: each
+    The sandwich H⁻¹ S H⁻¹ (H. White, Econometrica 50 (1982) 1), so that residuals that correlate in
+    time (a model error, a coloured disturbance) widen it. S comes from the windows' scores: each
     has an initial state of its own, so what correlates within a window does not reach the next. Too
     few windows for that are cut into short blocks. In no direction is the result narrower than what
     white noise of the present size would make it, and a combination that the data do not determine

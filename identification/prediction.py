@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from identification.problem import Matrix, Problem, Vector
 from identification.shooting import Shooting
@@ -22,6 +23,8 @@ from identification.windows import (
     settle,
     settling_samples,
 )
+
+NDArrayBool = NDArray[np.bool_]
 
 WINDOW = 1.0
 """Length of the windows where a free simulation does not stay bounded [s]."""
@@ -42,14 +45,15 @@ class Prediction:
         x0: (windows, nx) initial states used.
         error: (n, ny) measured minus simulated.
         floor: (ny,) root-mean-square error that a perfect model would show here: sensor noise and
-            the initial states' share of it; NaN where the noise is unknown.
-        deviation: (ny,) standard deviation of the measurement over the record.
+            the initial states' share of it.
+        deviation: (ny,) standard deviation of the measurement over the record; 0 for a channel that
+            is constant.
     """
 
     horizon: float | None
     windows: tuple[Window, ...]
     simulated: Matrix
-    scored: np.ndarray[tuple[int], np.dtype[np.bool_]]
+    scored: NDArrayBool
     x0: Matrix
     error: Matrix
     floor: Vector
@@ -58,8 +62,14 @@ class Prediction:
     @property
     def bounded(self) -> bool:
         """No window left the finite numbers, nor strayed far beyond the measurement."""
-        limit = _BOUNDED * np.fmax(self.deviation, 1e-300)
-        return bool(np.all(np.isfinite(self.error)) and np.all(np.abs(self.error) < limit))
+        error = self.error[:, self.moves]
+        strayed = np.abs(error) >= _BOUNDED * self.deviation[self.moves]
+        return bool(np.all(np.isfinite(self.error)) and not np.any(strayed))
+
+    @property
+    def moves(self) -> NDArrayBool:
+        """(ny,) False for a channel that is constant over the record."""
+        return self.deviation > 0
 
     @cached_property
     def rmse(self) -> Vector:
@@ -68,13 +78,15 @@ class Prediction:
 
     @cached_property
     def nrmse(self) -> Vector:
-        """(ny,) RMSE over the standard deviation of the measurement."""
-        return self.rmse / np.fmax(self.deviation, 1e-300)
+        """(ny,) RMSE over the standard deviation of the measurement; NaN where nothing moves."""
+        return np.where(self.moves, self.rmse / np.where(self.moves, self.deviation, 1.0), np.nan)
 
     @property
     def total_nrmse(self) -> float:
-        """Root mean square of the channels' NRMSE."""
-        return float(np.sqrt(np.mean(self.nrmse**2)))
+        """Root mean square of the channels' NRMSE, over those that move."""
+        if not np.any(self.moves):
+            return float("nan")
+        return float(np.sqrt(np.mean(self.nrmse[self.moves] ** 2)))
 
     def window_errors(self) -> Matrix:
         """Return (windows, ny): the mean squared error of each window's scored samples."""
@@ -103,12 +115,15 @@ def predict(
         horizon: Window length [s]; None for the free simulation.
         windows: Use these instead of cutting the whole record (horizon must not be None).
         sd: (ny,) relative weights of the channels while initial states are estimated; by default
-            the sensors' noise, or a thousandth of the signal where it is unknown.
+            the sensors' noise, but a thousandth of the signal at least, so that one very precise
+            sensor does not decide alone.
     """
     h, n = problem.sample_time, len(problem.time)
     chosen = tuple(windows) if windows is not None else cut(n, h, horizon)
     noise = noise_estimate(problem)
-    deviation = np.std(problem.outputs, axis=0)
+    # The standard deviation of equal numbers is not exactly zero.
+    moves = np.ptp(problem.outputs, axis=0) > 0
+    deviation = np.where(moves, np.std(problem.outputs, axis=0), 0.0)
     weight = sd if sd is not None else np.fmax(noise, 1e-3 * deviation)
     p = shooting.parameter_vector(values)
     inputs = shooting.inputs_with_delays(problem.inputs, h, p)
@@ -133,9 +148,8 @@ def predict(
         first = window.begin if horizon is None else window.begin + settling
         scored[first : window.end] = True
         if response.finite == len(window):
-            floor += _floor(
-                response.sensitivities[:, :, : shooting.nx], settling, noise, first - window.begin
-            )
+            to_x0 = response.sensitivities[:, :, : shooting.nx]
+            floor += _floor(to_x0, settling, noise, weight, first - window.begin)
     count = max(int(np.sum(scored)), 1)
     return Prediction(
         horizon,
@@ -149,17 +163,24 @@ def predict(
     )
 
 
-def _floor(to_x0: Matrix, settling: int, noise: Vector, first: int) -> Vector:
+def _floor(to_x0: Matrix, settling: int, noise: Vector, weight: Vector, first: int) -> Vector:
     """Return (ny,) the sum of squares that noise alone would leave over a window's scored samples.
 
-    The initial state's covariance after settling is carried along by the sensitivities.
+    The initial state is a weighted sum of the first samples; its error is carried along by the
+    sensitivities. Samples that are scored and have helped to estimate it are closer than others.
     """
-    weighted = (to_x0[:settling] / noise[:, None]).reshape(-1, to_x0.shape[2])
+    ny, nx = to_x0.shape[1:]
+    weighted = (to_x0[:settling] / weight[:, None]).reshape(-1, nx)
     information = weighted.T @ weighted
     ridge = 1e-12 * np.diag(np.diag(information) + 1e-300)
-    covariance = np.linalg.pinv(information + ridge, hermitian=True)
-    spread = np.einsum("nyi,ij,nyj->ny", to_x0[first:], covariance, to_x0[first:])
-    return np.sum(spread + noise**2, axis=0)
+    # (nx, settling, ny): by how much a sample moves the estimate.
+    gain = np.linalg.pinv(information + ridge, hermitian=True) @ weighted.T
+    gain = gain.reshape(nx, settling, ny) / weight
+    covariance = np.einsum("isy,jsy,y->ij", gain, gain, noise**2)
+    total = len(to_x0[first:]) * noise**2
+    total += np.einsum("nyi,ij,nyj->y", to_x0[first:], covariance, to_x0[first:], optimize=True)
+    total -= 2 * noise**2 * np.einsum("syi,isy->y", to_x0[first:settling], gain[:, first:])
+    return total
 
 
 def noise_estimate(problem: Problem) -> Vector:
@@ -171,7 +192,10 @@ def noise_estimate(problem: Problem) -> Vector:
     third = np.diff(problem.outputs, n=3, axis=0)
     scale = 1.4826 / np.sqrt(20.0)
     estimate = scale * np.median(np.abs(third), axis=0)
-    smallest = 1e-9 * np.fmax(np.std(problem.outputs, axis=0), 1e-300)
+    largest = np.max(np.abs(problem.outputs), axis=0)
+    smallest = np.fmax(
+        1e-9 * np.std(problem.outputs, axis=0), 1e-12 * np.where(largest > 0, largest, 1.0)
+    )
     return np.where(np.isnan(problem.noise_sd), np.fmax(estimate, smallest), problem.noise_sd)
 
 

@@ -143,7 +143,7 @@ def match(
         outputs=np.column_stack([uniform[name].values for name in output_names]),
         output_names=output_names,
         noise_sd=np.array(sd),
-        free=tuple(free) if free is not None else fitted_by_default(dae),
+        free=tuple(dict.fromkeys(free)) if free is not None else fitted_by_default(dae),
         values={**declared, **(values or {})},
         notes=uniform.notes,
     )

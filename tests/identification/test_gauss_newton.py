@@ -179,7 +179,7 @@ def test_the_unit_of_a_channel_does_not_matter(exponent):
     """The rate in 10^k rad/s, in the model and in the record alike."""
     factor = 10.0**exponent
     source = truth.own(
-        f"""model A
+        """model A
           parameter Real J = 0.185; parameter Real mgl = 3.61; parameter Real d = 0.006;
           parameter Real factor = 1 annotation(__twinproof(known = true));
           input Real tau; output Real theta(start = 0, fixed = true);
@@ -211,7 +211,8 @@ def test_the_unit_of_a_parameter_does_not_matter(exponent):
     factor = 10.0**exponent
     source = truth.own(
         f"""model A
-          parameter Real J = {0.185 * factor!r}; parameter Real mgl = 3.61; parameter Real d = 0.006;
+          parameter Real J = {0.185 * factor!r}; parameter Real mgl = 3.61;
+          parameter Real d = 0.006;
           input Real tau; output Real theta(start = 0, fixed = true);
           output Real omega(start = 0, fixed = true);
         equation
