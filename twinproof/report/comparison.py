@@ -6,11 +6,13 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+
 from identification.comparison import Comparison
 from identification.prediction import noise_estimate
 from identification.problem import Problem
 from twinproof.report import record_plots, wording
-from twinproof.report.numbers import significant
+from twinproof.report.numbers import quantity, significant
 from twinproof.report.page import provenance, write_page
 from twinproof.report.picture import Picture
 from twinproof.report.record_plots import Run
@@ -38,6 +40,13 @@ def record_context(problem: Problem, comparison: Comparison) -> dict[str, object
 def error_sentence(problem: Problem, comparison: Comparison) -> str:
     """Return the error in one sentence, and whether it could be noise."""
     horizon = comparison.prediction.horizon
+    wild = np.flatnonzero(~np.all(np.isfinite(comparison.prediction.simulated), axis=1))
+    if len(wild):
+        return (
+            "The simulation leaves the finite numbers "
+            f"{quantity(float(problem.time[wild[0]]), 's')} after the start of the record. Check "
+            "units and signs of the inputs, or give other parameter values."
+        )
     sentence = (
         f"The {wording.error_measure(problem, horizon)} is {wording.error_of(problem, comparison)}."
     )

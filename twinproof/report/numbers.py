@@ -100,6 +100,8 @@ def quantity(value: float, unit: str, digits: int = 3) -> str:
         >>> quantity(0.0881, "m"), quantity(2.5, "")
         ('88.1 mm', '2.50')
     """
+    if math.isnan(value):
+        return "–"
     scale = scale_for(unit, abs(value))
     number = significant(value / scale.size, digits)
     return f"{number} {scale.unit}" if unit else number
@@ -132,7 +134,7 @@ def percent(share: float) -> str:
         >>> percent(0.04113), percent(1.188)
         ('4.11 %', '119 %')
     """
-    return f"{significant(100.0 * share)} %"
+    return "–" if math.isnan(share) else f"{significant(100.0 * share)} %"
 
 
 def chance(probability: float) -> str:

@@ -13,6 +13,9 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator
 from identification.problem import Problem, Vector
 from twinproof.report.numbers import Scale
 
+_STILL = 1e-9
+_TINY = 1e-200
+
 
 @dataclass(frozen=True)
 class Picture:
@@ -39,9 +42,15 @@ def limits(
     ax: Axes, values: Vector, *, inner: tuple[float, float] = (0.0, 1.0), room: float = 0.3
 ) -> None:
     """Leave room around the values; what runs far away is cut off, not squeezed in."""
-    low, high = (float(q) for q in np.quantile(values[np.isfinite(values)], inner))
-    margin = room * max(high - low, 1e-9 * max(abs(low), abs(high), 1e-300))
+    finite = values[np.isfinite(values)]
+    low, high = (float(q) for q in np.quantile(finite, inner)) if len(finite) else (0.0, 0.0)
+    # A signal that stands still is drawn in the middle.
+    margin = room * (high - low) if high - low > _STILL * max(abs(low), abs(high)) else _around(low)
     ax.set_ylim(low - margin, high + margin)
+
+
+def _around(value: float) -> float:
+    return 0.1 * abs(value) if abs(value) > _TINY else 1.0
 
 
 def time_axis(ax: Axes, time: Vector) -> None:

@@ -25,6 +25,7 @@ _APART = 4.0
 _ZOOM = (0.04, 0.1)
 # A simulation that runs away is followed this many spans of the measurement, no further.
 _FOLLOWED = 0.8
+_TINY = 1e-200
 
 
 @dataclass(frozen=True)
@@ -77,7 +78,7 @@ def traces(problem: Problem, runs: Sequence[Run], name: str) -> Picture:
     return Picture(
         svg,
         f"Measured {', '.join(channels)} against time with simulations: {names}",
-        "Left the whole record, right the shaded span.",
+        f"Left the whole record, right the shaded span. {_left_out(problem)}".rstrip(),
     )
 
 
@@ -136,7 +137,7 @@ def residual_over_time(
         f"Error of {', '.join(channels)} against time, {' beside '.join(r.label for r in runs)}",
         "Measured minus simulated. Shaded and numbered: where each model is at its worst. "
         "Dotted: two standard deviations of the sensor’s noise, where they are in sight. "
-        "Mind the scales: they differ where the errors do.",
+        f"Mind the scales: they differ where the errors do. {_left_out(problem)}".rstrip(),
     )
 
 
@@ -156,8 +157,13 @@ def residual_over_variables(problem: Problem, runs: Sequence[Run], name: str) ->
     """Draw measured minus simulated against every observed variable, as median and inner 80 %.
 
     Returns:
-        One picture with all models, or one for each where their errors are of different size.
+        One picture with all models, or one for each where their errors are of different size; none
+        if nothing moved.
     """
+    states = runs[-1].comparison.states
+    variables = [v for v in states if np.ptp(states[v]) > 0]
+    if not variables:
+        return []
     sizes = np.array(
         [
             [_size(run.comparison.prediction.error[:, c]) for c in range(len(problem.output_names))]
@@ -165,14 +171,18 @@ def residual_over_variables(problem: Problem, runs: Sequence[Run], name: str) ->
         ]
     )
     if np.any(np.max(sizes, axis=0) > _APART * np.min(sizes, axis=0)):
-        return [_over_variables(problem, [run], f"{name}-{k}") for k, run in enumerate(runs)]
-    return [_over_variables(problem, runs, name)]
+        return [
+            _over_variables(problem, [run], variables, f"{name}-{k}") for k, run in enumerate(runs)
+        ]
+    return [_over_variables(problem, runs, variables, name)]
 
 
-def _over_variables(problem: Problem, runs: Sequence[Run], name: str) -> Picture:
+def _over_variables(
+    problem: Problem, runs: Sequence[Run], moving: Sequence[str], name: str
+) -> Picture:
     channels = problem.output_names[:_MOST_CHANNELS]
     states = runs[-1].comparison.states
-    variables = [v for v in states if np.ptp(states[v]) > 0][:_MOST_VARIABLES]
+    variables = moving[:_MOST_VARIABLES]
     with figure(1.15 * len(channels) + 0.8) as drawn:
         grid = drawn.subplots(
             len(channels), len(variables), squeeze=False, sharex="col", sharey="row"
@@ -183,6 +193,7 @@ def _over_variables(problem: Problem, runs: Sequence[Run], name: str) -> Picture
                 for v, variable in enumerate(variables)
             )
             scale = scale_for(unit_of(problem, channel), reach)
+            reach = reach if reach > _TINY else 1.0
             ax = grid[c, 0]
             ax.set_ylim(-1.1 * reach, 1.1 * reach)
             ax.yaxis.set_major_formatter(in_scale(scale))
@@ -197,13 +208,21 @@ def _over_variables(problem: Problem, runs: Sequence[Run], name: str) -> Picture
         svg = inline(drawn, name)
     labels = " and ".join(run.label for run in runs)
     return Picture(
-        svg, f"Error of {', '.join(channels)} against {', '.join(variables)}, {labels}", ""
+        svg,
+        f"Error of {', '.join(channels)} against {', '.join(variables)}, {labels}",
+        _left_out(problem, moving),
     )
+
+
+def _left_out(problem: Problem, moving: Sequence[str] = ()) -> str:
+    """Return a sentence that says what a figure had no room for; empty if it had."""
+    out = [*problem.output_names[_MOST_CHANNELS:], *moving[_MOST_VARIABLES:]]
+    return f"Not drawn for want of room: {', '.join(out)}." if out else ""
 
 
 def _profiles(ax: Axes, runs: Sequence[Run], c: int, variable: str) -> list[float]:
     """Draw one panel; return how far its bands reach."""
-    reach = [1e-300]
+    reach = [_TINY]
     for run in runs:
         prediction = run.comparison.prediction
         scored = prediction.scored
@@ -256,4 +275,6 @@ def _dash(run: Run) -> str:
 
 def _size(error: Vector) -> float:
     finite = np.abs(error[np.isfinite(error)])
-    return max(float(np.quantile(finite, 0.998)) if len(finite) else 1.0, 1e-300)
+    size = float(np.quantile(finite, 0.998)) if len(finite) else 1.0
+    # An error of exactly zero is drawn as a line in the middle.
+    return size if size > _TINY else 1.0

@@ -157,7 +157,10 @@ def _floor_of(problem: Problem, comparison: Comparison) -> str:
 def floor_share(comparison: Comparison) -> float:
     """Return the overall NRMSE that sensor noise alone would leave; NaN where it is unknown."""
     prediction = comparison.prediction
-    shares = prediction.floor / np.fmax(prediction.deviation, 1e-300)
+    moves = prediction.moves
+    if not np.any(moves):
+        return math.nan
+    shares = prediction.floor[moves] / prediction.deviation[moves]
     return float(np.sqrt(np.mean(shares**2)))
 
 

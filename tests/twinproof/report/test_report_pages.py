@@ -255,3 +255,30 @@ def test_comparison_says_where_it_fails(single_pages):
     words = said(html.fromstring(paths["compare"].read_text(encoding="utf-8")))
     assert "Where it fails, worst first" in words
     assert f"{significant(compared.worst[0].begin, 4)} to" in words
+
+
+@pytest.mark.parametrize("case", ["perfect", "diverged", "diverged at once", "still", "zero"])
+def test_extreme_records_make_a_page_without_a_warning(pendulum, tmp_path, case):
+    problem = pendulum.problem
+    if case in ("still", "zero"):
+        value = 0.0 if case == "zero" else 0.7
+        problem = replace(
+            problem,
+            inputs=np.zeros_like(problem.inputs),
+            outputs=np.full_like(problem.outputs, value),
+        )
+    experiment = Experiment.of(problem)
+    prediction = experiment.predict(problem.values, None)
+    simulated = prediction.simulated.copy()
+    if case == "perfect":
+        simulated = problem.outputs.copy()
+    elif case.startswith("diverged"):
+        simulated[0 if case == "diverged at once" else 700 :] = np.nan
+    prediction = replace(prediction, simulated=simulated, error=problem.outputs - simulated)
+    compared = comparison.compare(problem, experiment.shooting, prediction)
+    path = tmp_path / "report.html"
+    write_comparison(compared, problem, path, command=COMMAND)
+    page = html.fromstring(path.read_text(encoding="utf-8"))
+    assert not re.search(r"\bnan\b|\binf\b", said(page))
+    assert len(page.xpath("//svg")) >= 2
+    assert ("leaves the finite numbers" in said(page)) == case.startswith("diverged")
