@@ -142,7 +142,7 @@ def _score(
     raw = at.raw[mine]
     if np.any(raw <= 0) or np.any(np.diag(information) < _DISTINCT * raw):
         return Scored(addition, 0.0, dict.fromkeys(names, 0.0))
-    step = np.linalg.solve(information, score)
+    step = np.linalg.lstsq(information, score, rcond=1e-12)[0]
     low = np.array([problem.dae.number(problem.dae.variables[n].minimum, -np.inf) for n in names])
     high = np.array([problem.dae.number(problem.dae.variables[n].maximum, np.inf) for n in names])
     inside = np.clip(step, low, high)
