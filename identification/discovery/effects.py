@@ -7,7 +7,7 @@ ranges, comes from the Modelica sources alone; a user adds an effect by writing 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -23,8 +23,10 @@ _KINDS = {
     "TranslationalEffect": "translational",
     "SignalEffect": "signal",
 }
-_EXTENDS = re.compile(r"\bextends\s+(?:[\w.]+\.)?(\w+Effect)\b")
-_CLASS = re.compile(r"\b(?:model|block)\s+(\w+)\b(?!\s*=)")
+_TOKEN = re.compile(
+    r"\b(end)\s+(\w+)\s*;|\b(partial\s+)?(package|model|block)\s+(\w+)\b(?!\s*=)"
+    r"|\bextends\s+\.?([\w.]+)"
+)
 _COMMENT_OR_STRING = re.compile(r'"(?:[^"\\]|\\.)*"|//[^\n]*|/\*.*?\*/', re.DOTALL)
 
 _HOST = {
@@ -32,7 +34,9 @@ _HOST = {
     "connect(effect.flange, point.flange); der(point.phi) = w; der(w) = point.tau;",
     "translational": "Twinproof.Interfaces.TranslationalPoint point; Real w; equation "
     "connect(effect.flange, point.flange); der(point.s) = w; der(w) = point.f;",
-    "signal": "input Real u; output Real y; equation effect.u = u; y = effect.y;",
+    # Naming the library makes the front end read it, which a user's package may need.
+    "signal": "Twinproof.Interfaces.RealInput u; Twinproof.Interfaces.RealOutput y; equation "
+    "effect.u = u; y = effect.y;",
 }
 
 
@@ -83,6 +87,8 @@ class Effect:
 def find_effects(source: ModelicaSource | None = None) -> tuple[Effect, ...]:
     """Return all effects of the bundled library, of `source`'s libraries and of its own text.
 
+    A user's effect hides the library's of the same name and kind.
+
     Raises:
         ModelicaError: An effect's class does not compile; the message names file:line:column.
 
@@ -91,13 +97,22 @@ def find_effects(source: ModelicaSource | None = None) -> tuple[Effect, ...]:
         ['signal']
     """
     roots = source.roots if source is not None else ()
-    found = {
-        **_in_library(LIBRARY, ()),
-        **{name: e for root in roots for name, e in _in_library(root, roots).items()},
-    }
-    if source is not None and source.defines:
-        for name, kind in _in_text(source.text, ""):
-            found[name] = _read(name, kind, roots, source.text)
+    text = source.text if source is not None and source.defines else ""
+    bundled = _classes_of_library(LIBRARY)
+    others = [c for root in roots for c in _classes_of_library(root)]
+    beside = list(_classes_in(text, ""))
+    every = (*bundled, *others, *beside)
+    found: dict[tuple[str, str], Effect] = {}
+    for classes, where, defined_in in (
+        (bundled, (), ""),
+        (others, roots, ""),
+        (beside, roots, text),
+    ):
+        for one in classes:
+            kind = None if one.partial else _kind_of(one, every)
+            if kind is not None:
+                effect = _read(one.name, kind, where, defined_in)
+                found[kind, effect.name] = effect
     return tuple(found.values())
 
 
@@ -120,39 +135,57 @@ def resolve(name: str, kind: str, effects: tuple[Effect, ...]) -> Effect:
     raise UnknownNameError(f"{wanted} effect", name, [e.name for e in fitting])
 
 
-@lru_cache(maxsize=32)
-def _in_library(root: Path, roots: tuple[Path, ...]) -> dict[str, Effect]:
-    found: dict[str, Effect] = {}
+@dataclass(frozen=True)
+class _Class:
+    """A class in a Modelica text: its full name and the classes it extends, as written."""
+
+    name: str
+    partial: bool
+    bases: list[str]
+
+
+def _classes_of_library(root: Path) -> tuple[_Class, ...]:
+    found: list[_Class] = []
     for path in sorted(root.rglob("*.mo")):
         text = path.read_text(encoding="utf-8")
         within = re.search(r"\bwithin\s+([\w.]+)\s*;", text)
-        for name, kind in _in_text(text, within[1] + "." if within else ""):
-            found[name] = _read(name, kind, roots, "")
-    return found
+        found += _classes_in(text, within[1] + "." if within else "")
+    return tuple(found)
 
 
-def _in_text(text: str, prefix: str) -> Iterator[tuple[str, str]]:
-    """Yield (full class name, kind) of every class in a text that extends an effect base."""
+def _classes_in(text: str, prefix: str) -> Iterator[_Class]:
     plain = _COMMENT_OR_STRING.sub(lambda m: " " * len(m[0]), text)
-    scopes: list[str] = []
-    pattern = re.compile(
-        r"\b(end)\s+(\w+)\s*;|\b(?:partial\s+)?(package|model|block)\s+(\w+)\b(?!\s*=)"
-        r"|\bextends\s+(?:[\w.]+\.)?(\w+)"
-    )
-    for token in pattern.finditer(plain):
-        if token[1]:
-            if scopes and scopes[-1] == token[2]:
-                scopes.pop()
-        elif token[3]:
-            scopes.append(token[4])
-        elif token[5] in _KINDS and scopes:
-            yield prefix + ".".join(scopes), _KINDS[token[5]]
+    scopes: list[_Class] = []
+    for end, ended, partial, _, begun, base in _TOKEN.findall(plain):
+        if end:
+            if scopes and scopes[-1].name.rpartition(".")[2] == ended:
+                yield scopes.pop()
+        elif begun:
+            outer = f"{scopes[-1].name}." if scopes else prefix
+            scopes.append(_Class(outer + begun, bool(partial), []))
+        elif base and scopes:
+            scopes[-1].bases.append(base)
+
+
+def _kind_of(one: _Class, classes: Sequence[_Class]) -> str | None:
+    """Return the kind of effect that a class is, by the base that it extends in the end."""
+    others = [c for c in classes if c is not one]
+    for base in one.bases:
+        kind = _KINDS.get(base.rpartition(".")[2])
+        if kind is not None:
+            return kind
+        for other in others:
+            if f".{other.name}".endswith(f".{base}"):
+                kind = _kind_of(other, others)
+                if kind is not None:
+                    return kind
+    return None
 
 
 @lru_cache(maxsize=512)
 def _read(class_name: str, kind: str, roots: tuple[Path, ...], text: str) -> Effect:
     host = f"model EffectHost\n  {class_name} effect;\n  {_HOST[kind]}\nend EffectHost;\n"
-    source = ModelicaSource(text + host, "EffectHost", f"{class_name}.mo", class_name, roots)
+    source = ModelicaSource(f"{text}\n{host}", "EffectHost", f"{class_name}.mo", class_name, roots)
     dae = load(source)
     parameters = tuple(
         v
