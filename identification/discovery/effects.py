@@ -27,6 +27,7 @@ _TOKEN = re.compile(
     r"\b(end)\s+(\w+)\s*;|\b(partial\s+)?(package|model|block)\s+(\w+)\b(?!\s*=)"
     r"|\bextends\s+\.?([\w.]+)"
 )
+_DESCRIPTION = re.compile(r'\s*"((?:[^"\\]|\\.)*)"')
 _COMMENT_OR_STRING = re.compile(r'"(?:[^"\\]|\\.)*"|//[^\n]*|/\*.*?\*/', re.DOTALL)
 
 _HOST = {
@@ -111,7 +112,7 @@ def find_effects(source: ModelicaSource | None = None) -> tuple[Effect, ...]:
         for one in classes:
             kind = None if one.partial else _kind_of(one, every)
             if kind is not None:
-                effect = _read(one.name, kind, where, defined_in)
+                effect = _read(one.name, one.description, kind, where, defined_in)
                 found[kind, effect.name] = effect
     return tuple(found.values())
 
@@ -137,9 +138,10 @@ def resolve(name: str, kind: str, effects: tuple[Effect, ...]) -> Effect:
 
 @dataclass(frozen=True)
 class _Class:
-    """A class in a Modelica text: its full name and the classes it extends, as written."""
+    """A class in a Modelica text: its full name, its one line, and what it extends, as written."""
 
     name: str
+    description: str
     partial: bool
     bases: list[str]
 
@@ -156,13 +158,15 @@ def _classes_of_library(root: Path) -> tuple[_Class, ...]:
 def _classes_in(text: str, prefix: str) -> Iterator[_Class]:
     plain = _COMMENT_OR_STRING.sub(lambda m: " " * len(m[0]), text)
     scopes: list[_Class] = []
-    for end, ended, partial, _, begun, base in _TOKEN.findall(plain):
+    for token in _TOKEN.finditer(plain):
+        end, ended, partial, _, begun, base = token.groups()
         if end:
             if scopes and scopes[-1].name.rpartition(".")[2] == ended:
                 yield scopes.pop()
         elif begun:
             outer = f"{scopes[-1].name}." if scopes else prefix
-            scopes.append(_Class(outer + begun, bool(partial), []))
+            words = _DESCRIPTION.match(text, token.end())
+            scopes.append(_Class(outer + begun, words[1] if words else "", bool(partial), []))
         elif base and scopes:
             scopes[-1].bases.append(base)
 
@@ -183,7 +187,9 @@ def _kind_of(one: _Class, classes: Sequence[_Class]) -> str | None:
 
 
 @lru_cache(maxsize=512)
-def _read(class_name: str, kind: str, roots: tuple[Path, ...], text: str) -> Effect:
+def _read(
+    class_name: str, description: str, kind: str, roots: tuple[Path, ...], text: str
+) -> Effect:
     host = f"model EffectHost\n  {class_name} effect;\n  {_HOST[kind]}\nend EffectHost;\n"
     source = ModelicaSource(f"{text}\n{host}", "EffectHost", f"{class_name}.mo", class_name, roots)
     dae = load(source)
@@ -199,7 +205,7 @@ def _read(class_name: str, kind: str, roots: tuple[Path, ...], text: str) -> Eff
     return Effect(
         class_name,
         kind,
-        _description(class_name, text, roots),
+        description,
         tuple(_unprefixed(v) for v in parameters),
         tuple(dae.parameter_values[v.name] for v in parameters),
         bool(dae.delays),
@@ -208,23 +214,3 @@ def _read(class_name: str, kind: str, roots: tuple[Path, ...], text: str) -> Eff
 
 def _unprefixed(variable: Variable) -> Variable:
     return replace(variable, name=variable.name.removeprefix("effect."))
-
-
-def _description(class_name: str, text: str, roots: tuple[Path, ...]) -> str:
-    short = class_name.rpartition(".")[2]
-    pattern = re.compile(rf'\b(?:model|block)\s+{short}\s+"((?:[^"\\]|\\.)*)"')
-    texts = (
-        [text]
-        if text
-        else [
-            path.read_text(encoding="utf-8")
-            for root in (LIBRARY, *roots)
-            for path in root.rglob(f"{short}.mo")
-            if class_name.endswith(".".join([*path.relative_to(root).parts[:-1], short]))
-        ]
-    )
-    for candidate in texts:
-        found = pattern.search(candidate)
-        if found:
-            return found[1]
-    return ""
