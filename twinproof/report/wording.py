@@ -188,7 +188,7 @@ def remaining(improvement: Improvement) -> str:
     if ratio > FAR:
         return f"{sentence} The error is far above the noise: better sensors would not lower it."
     return (
-        f"{sentence} No channel’s error is more than {significant(ratio)} times what sensor noise "
+        f"{sentence} Every channel’s error is at most {significant(ratio)} times what sensor noise "
         "alone would leave."
     )
 
