@@ -1,10 +1,10 @@
-"""The inner loop of FMI 2.0 Co-Simulation, without FMPy's per-call checks."""
+"""A run of one Co-Simulation FMU along its inputs, for FMI 1, 2 and 3."""
 
 from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable, Mapping, Sequence
-from ctypes import c_double, c_int, c_size_t, c_uint32, c_void_p
+from ctypes import c_int, c_size_t, c_uint32, c_void_p
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -15,6 +15,7 @@ from fmpy.simulation import (
     settable_in_instantiated,
 )
 
+from fmus.stepping import Loop, UnitOf
 from foundation.errors import FmuError, InputError
 
 Array: TypeAlias = npt.NDArray[np.float64]
@@ -48,15 +49,31 @@ def initialise(
     tolerance: float | None,
     inputs: Mapping[str, float] | None = None,
 ) -> None:
-    """Bring an FMI 2.0 instance to the end of its initialization.
+    """Bring an instance to the end of its initialization.
 
     Raises:
         InputError: A value cannot be set: it is not a parameter or start value.
     """
-    instance.setupExperiment(tolerance=tolerance, startTime=start, stopTime=stop)
+    version = str(description.fmiVersion)[0]
+    if version == "1":
+        rest = apply_start_values(instance, description, {**values, **(inputs or {})})
+        _all_set(rest, description)
+        instance.initialize(tStart=start, stopTime=stop)
+        return
+    if version == "2":
+        instance.setupExperiment(tolerance=tolerance, startTime=start, stopTime=stop)
     rest = apply_start_values(instance, description, dict(values), settable_in_instantiated)
-    instance.enterInitializationMode()
+    if version == "2":
+        instance.enterInitializationMode()
+    else:
+        instance.enterInitializationMode(tolerance=tolerance, startTime=start, stopTime=stop)
     rest = apply_start_values(instance, description, rest, settable_in_initialization_mode)
+    _all_set(rest, description)
+    apply_start_values(instance, description, dict(inputs or {}))
+    instance.exitInitializationMode()
+
+
+def _all_set(rest: Mapping[str, float], description: Any) -> None:
     if rest:
         name = next(iter(rest))
         raise InputError(
@@ -64,8 +81,6 @@ def initialise(
             where=str(description.modelName),
             remedy="set what it depends on, such as a start parameter",
         )
-    apply_start_values(instance, description, dict(inputs or {}))
-    instance.exitInitializationMode()
 
 
 def run_co_simulation(
@@ -81,7 +96,7 @@ def run_co_simulation(
     """Run one instance over a grid of times.
 
     Args:
-        instance: A fresh FMU2Slave of FMPy.
+        instance: A fresh Co-Simulation instance of FMPy.
         description: FMPy's model description.
         grid: Times of the result, shape (n,) [s]. Communication also happens at the inputs' times.
         signals: Time and columns of the inputs.
@@ -113,21 +128,9 @@ def run_co_simulation(
         tolerance=tolerance,
         inputs=first,
     )
-    call = _StepCalls(instance, description, names, outputs)
-    result = np.empty((grid.size, len(outputs)))
-    row = 0
-    times: list[float] = points.tolist()
-    for k, time in enumerate(times):
-        if names:
-            call.set_inputs(held, k)
-        if is_recorded[k]:
-            call.get_outputs(result, row)
-            row += 1
-        if k + 1 < len(times):
-            if slopes is not None:
-                call.set_slopes(slopes, k)
-            call.do_step(time, times[k + 1] - time)
-    return result
+    unit = UnitOf(instance, description, names, outputs, str(description.modelName))
+    loop = Loop([unit], [-1 - column for column in range(len(names))])
+    return loop.run(points, held, range(len(outputs)), slopes=slopes, recorded=is_recorded)
 
 
 def communication_points(grid: Array, signals: tuple[Array, Mapping[str, Array]] | None) -> Array:
@@ -144,7 +147,8 @@ def communication_points(grid: Array, signals: tuple[Array, Mapping[str, Array]]
 
 
 def _can_interpolate(description: Any) -> bool:
-    return bool(description.coSimulation.canInterpolateInputs)
+    is_fmi2 = str(description.fmiVersion).startswith("2")
+    return is_fmi2 and bool(description.coSimulation.canInterpolateInputs)
 
 
 def sampled(
@@ -213,32 +217,6 @@ class Calls:
         for column, variable in self._others:
             getter = getattr(self._instance, f"get{variable.type}")
             table[row, column] = float(getter([variable.valueReference])[0])
-
-
-class _StepCalls(Calls):
-    """Further functions of Co-Simulation."""
-
-    def __init__(
-        self, instance: Any, description: Any, inputs: Sequence[str], outputs: Sequence[str]
-    ) -> None:
-        super().__init__(instance, description, inputs, outputs)
-        self._orders = (c_int * max(len(inputs), 1))(*[1] * len(inputs))
-        self._set_derivatives = _function(
-            instance, "fmi2SetRealInputDerivatives", c_void_p, c_size_t, c_void_p, c_void_p
-        )
-        self._do_step = _function(instance, "fmi2DoStep", c_double, c_double, c_int)
-
-    def set_slopes(self, table: Array, k: int) -> None:
-        """Set the slopes of all inputs from row `k` of a table (m, inputs)."""
-        n = len(self._inputs)
-        address = table.ctypes.data + 8 * n * k
-        status = self._set_derivatives(self._component, self._inputs, n, self._orders, address)
-        _succeed(status, "slopes of the inputs")
-
-    def do_step(self, time: float, step: float) -> None:
-        """Advance the instance."""
-        status = self._do_step(self._component, time, step, 1)
-        _succeed(status, f"step from time {time:g} s")
 
 
 def _references(references: Any) -> ctypes.Array[c_uint32]:

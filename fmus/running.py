@@ -20,6 +20,7 @@ from fmus.dae import Dae
 from fmus.model_exchange import run_model_exchange
 from fmus.package import cached_fmu
 from fmus.sources import ModelicaSource, find_source
+from fmus.stepping import can_step
 from foundation.errors import FmuError, InputError, UnknownNameError
 
 Array: TypeAlias = npt.NDArray[np.float64]
@@ -145,9 +146,16 @@ class Fmu:
         grid = _grid(signals, start, stop, step)
         instance, messages = self.instantiate(kind)
         try:
-            if self.description.fmi != "2.0":
+            is_compiled = can_step(self._description, [*names, *(signals[1] if signals else ())])
+            if kind == "ModelExchange" and self.description.fmi != "2.0":
                 columns = self._run_with_fmpy(
                     instance, kind, grid, signals, values, names, hold, tolerance
+                )
+            elif kind == "CoSimulation" and not is_compiled:
+                raise FmuError(
+                    "arrays and texts are no signals here",
+                    where=str(self.path),
+                    remedy="choose outputs that are numbers",
                 )
             elif kind == "CoSimulation":
                 columns = run_co_simulation(
