@@ -94,3 +94,19 @@ def test_shape_of_a_sensors_effect_is_refused():
     experiment = Experiment.of(match(load(model.source), swing(2.0, 1)))
     with pytest.raises(UnsupportedModelError, match="acts on a sensor"):
         missing_force(model, experiment, experiment.problem.values, SD, model.additions[0])
+
+
+def test_shape_of_an_effect_in_series_with_an_input():
+    """A drive that gives 20 % more torque than it was asked for: what it adds is a line."""
+    model = extend(PENDULUM, [parse_addition("Gain@tau", PENDULUM)])
+    recording = swing(6.0, 1, 0.0)
+    weaker = recording.replace_values({"tau": recording["tau"].values / 1.2})
+    experiment = Experiment.of(match(model.dae, weaker))
+    found = missing_force(
+        model, experiment, experiment.problem.values, SD, model.additions[0], window=0.1
+    )
+    assert found.unit == "N.m"
+    assert found.curve.variable.name == "u"
+    slope, offset = np.polyfit(found.x, found.y, 1, w=1 / found.sd)
+    assert abs(slope - 0.2) < 0.02
+    assert abs(offset) < 0.01
