@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -74,13 +74,20 @@ class Comparison:
     states: Mapping[str, Vector]
 
 
-def compare(problem: Problem, shooting: Shooting, prediction: Prediction) -> Comparison:
+def compare(
+    problem: Problem,
+    shooting: Shooting,
+    prediction: Prediction,
+    *,
+    user_name: Callable[[str], str] = str,
+) -> Comparison:
     """Summarise a prediction's errors.
 
     Args:
         problem: The record.
         shooting: The model that predicted it.
         prediction: From `identification.prediction.predict`.
+        user_name: What the user calls a variable of the model.
     """
     error = prediction.error[prediction.scored]
     channels = {
@@ -92,7 +99,7 @@ def compare(problem: Problem, shooting: Shooting, prediction: Prediction) -> Com
         )
         for k, name in enumerate(problem.output_names)
     }
-    states = observed_variables(problem, shooting)
+    states = observed_variables(problem, shooting, user_name=user_name)
     return Comparison(
         channels, prediction.total_nrmse, _worst(problem, prediction, states), prediction, states
     )
@@ -119,7 +126,9 @@ def whiteness(residual: Vector) -> float:
     return float(stats.chi2.sf(statistic, lags))
 
 
-def observed_variables(problem: Problem, shooting: Shooting) -> Mapping[str, Vector]:
+def observed_variables(
+    problem: Problem, shooting: Shooting, *, user_name: Callable[[str], str] = str
+) -> Mapping[str, Vector]:
     """Return inputs, measured outputs, and the rates that can be had by differentiating them.
 
     Returns:
@@ -132,7 +141,7 @@ def observed_variables(problem: Problem, shooting: Shooting) -> Mapping[str, Vec
         rate = shooting.rate_of.get(shooting.state_names[i])
         if rate is None or width > len(problem.time):
             continue
-        name = rate.removeprefix("plant.")
+        name = user_name(rate)
         if name not in found:
             found[name] = np.asarray(
                 signal.savgol_filter(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -18,6 +18,7 @@ from identification.gauss_newton import Fit, fit
 from identification.problem import Matrix, Vector
 
 _WORKERS = 2
+_ROUNDING = 1e-9
 # A parameter that cannot start at its neutral value (a bound, or a flat cost) starts from these
 # shares of its nominal value instead.
 _STARTS = (0.1, 0.5, 1.0)
@@ -105,15 +106,15 @@ def refit(model: ExtendedModel, experiment: Experiment, base: Fit, scored: Score
     }
     if all(value == 0.0 for value in predicted.values()):
         starts = [{k: share * v for k, v in nominal.items()} for share in _STARTS]
-    fits = [_fit_from(larger, experiment, base, start) for start in starts]
+    x0 = transfer_states(
+        problem, larger.shooting, bigger, experiment.windows, experiment, model, base.x0
+    )
+    fits = [_fit_from(larger, x0, start) for start in starts]
     best = min(fits, key=lambda f: f.at.cost)
     if log_evidence(base, best)[0] < 0:
         # The predicted step overshot (an absent effect would have done better): come from nearer.
         smaller = [{k: 0.1 * v for k, v in start.items()} for start in starts]
-        best = min(
-            (_fit_from(larger, experiment, base, start) for start in smaller),
-            key=lambda f: f.at.cost,
-        )
+        best = min((_fit_from(larger, x0, start) for start in smaller), key=lambda f: f.at.cost)
     effect = addition.effect
     fitted = {
         p: best.values[bigger.parameter_of(addition, p)]
@@ -126,7 +127,7 @@ def refit(model: ExtendedModel, experiment: Experiment, base: Fit, scored: Score
     price = 0.5 * len(fitted) * float(np.log(np.max(independent_samples(best.at.residuals))))
     merit = (evidence - price) * (_UNFOUND_SHAPE if at_bound else 1.0)
     return Refit(
-        Addition(effect, addition.place, fitted),
+        replace(addition, values=fitted),
         bigger,
         larger,
         best,
@@ -144,11 +145,9 @@ def _at_bound(model: ExtendedModel, addition: Addition, parameter: str, value: f
     return not low + 1e-6 * abs(low) < value < high - 1e-6 * abs(high)
 
 
-def _fit_from(larger: Experiment, smaller: Experiment, base: Fit, start: dict[str, float]) -> Fit:
-    windows = smaller.windows
-    x0 = transfer_states(larger.problem, larger.shooting, windows, smaller, base.x0)
+def _fit_from(larger: Experiment, x0: Matrix, start: dict[str, float]) -> Fit:
     values = {**larger.problem.values, **start}
-    return fit(larger.problem, larger.shooting, windows, x0, values)
+    return fit(larger.problem, larger.shooting, larger.windows, x0, values)
 
 
 def log_evidence(base: Fit, better: Fit) -> tuple[float, float]:
@@ -158,9 +157,11 @@ def log_evidence(base: Fit, better: Fit) -> tuple[float, float]:
     """
     if not (np.isfinite(better.at.cost) and np.isfinite(base.at.cost)):
         return -np.inf, 0.0
-    before, after = np.log(base.at.rms), np.log(better.at.rms)
+    # Without noise the misfit of the true model is rounding, whose logarithm means nothing.
+    smallest = _ROUNDING * base.sd
+    before = np.log(np.fmax(base.at.rms, smallest))
+    after = np.log(np.fmax(better.at.rms, smallest))
     count = independent_samples(better.at.residuals)
-    # A channel at its noise floor in both fits weighs by its noise, not by its own misfit.
     evidence = float(np.sum(count * (before - after)))
     # Weighted as in the base fit, where every channel's misfit has unit size.
     removed = 1.0 - float(np.mean(np.exp(2 * (after - before))))

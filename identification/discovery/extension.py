@@ -9,22 +9,27 @@ nested as `Plant`, so that no connection reaches two levels down.
 from __future__ import annotations
 
 import difflib
+import math
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 
-from fmus.dae import Dae, Variable
+from fmus.dae import Dae, ScalarType, Variable
 from fmus.expressions import Literal
 from fmus.frontend import load
 from fmus.places import Place, places
 from fmus.sources import ModelicaSource
-from foundation.errors import UnknownNameError
+from foundation.errors import InputError, UnknownNameError
 from identification.discovery.effects import Effect, find_effects, resolve
 
 _WIDTH = 92
 _SHORT = 40
 # A delay needs its bare input as operand; the other effects follow in the order they were added.
 _FIRST_IN_CHAIN = ("Delay",)
+_WRAPPED = "plant."
+# The first of these that nothing in sight is called names the class nested in a wrapper.
+_NESTED = ("Plant", "Machine", "InnerModel")
 
 
 @dataclass(frozen=True)
@@ -35,17 +40,22 @@ class Addition:
         effect: What.
         place: Where.
         values: Its parameters, where they differ from the defaults.
+        starts: Values of what gives its initial state, for an effect with a memory.
+        number: Which one it is of its kind here, counting those that the model had before.
     """
 
     effect: Effect
     place: Place
     values: Mapping[str, float] = field(default_factory=dict[str, float])
+    starts: Mapping[str, float] = field(default_factory=dict[str, float])
+    number: int = 1
 
     @property
     def instance(self) -> str:
         """Name of the component in the written class."""
         effect = self.effect.name
-        return f"{effect[0].lower()}{effect[1:]}_{self.place.name.replace('.', '_')}"
+        number = "" if self.number == 1 else f"_{self.number}"
+        return f"{effect[0].lower()}{effect[1:]}_{self.place.name.replace('.', '_')}{number}"
 
     @property
     def label(self) -> str:
@@ -77,15 +87,41 @@ class ExtendedModel:
         """The flat model."""
         return load(self.source)
 
+    @cached_property
+    def wrapped(self) -> bool:
+        """The user's model is a component of this one, not its base class."""
+        return _wrapped(self.additions)
+
     def user_name(self, name: str) -> str:
         """Return a variable's name as the user knows it, whatever wrapper was built around it."""
-        return name.removeprefix("plant.")
+        return name.removeprefix(_WRAPPED) if self.wrapped else name
+
+    def flat_name(self, name: str) -> str:
+        """Return the name here of a variable that the user's model or an addition has."""
+        if not self.wrapped:
+            return name
+        for addition in self.additions:
+            if name.startswith(f"{addition.instance}."):
+                return self.parameter_of(addition, name.removeprefix(f"{addition.instance}."))
+        # What the wrapper does not declare anew is reached through its component.
+        return name if name in self.dae.variables else f"{_WRAPPED}{name}"
 
     def parameter_of(self, addition: Addition, parameter: str) -> str:
         """Return the flat name of an added effect's parameter."""
-        nested = _wrapped(self.additions, self.base) and addition.effect.kind != "signal"
-        inside = nested and addition.place.inherited_connect
-        return f"{'plant.' if inside else ''}{addition.instance}.{parameter}"
+        inside = self.wrapped and addition.effect.kind != "signal"
+        prefix = _WRAPPED if inside and addition.place.inherited_connect else ""
+        return f"{prefix}{addition.instance}.{parameter}"
+
+
+def addition_at(source: ModelicaSource, effect: Effect, place: Place) -> Addition:
+    """Return an effect at a place of a model, told apart from one that the model already has."""
+    dae = load(source)
+    names = [n for n in (*dae.variables, *dae.aliases, *dae.constant_values) if "." in n]
+    components = {name.partition(".")[0] for name in names}
+    addition = Addition(effect, place)
+    while addition.instance in components:
+        addition = replace(addition, number=addition.number + 1)
+    return addition
 
 
 def parse_addition(text: str, source: ModelicaSource) -> Addition:
@@ -93,9 +129,14 @@ def parse_addition(text: str, source: ModelicaSource) -> Addition:
 
     Raises:
         UnknownNameError: No such place, effect or parameter.
+        InputError: No place is named, or a value is not a finite number.
     """
     head, *settings = text.split(",")
-    effect_name, _, place_name = head.partition("@")
+    effect_name, at, place_name = head.partition("@")
+    if not at:
+        raise InputError(
+            f"'{head}' names no place", where=f"--add {text}", remedy="write EFFECT@PLACE"
+        )
     there = places(source)
     by_name = {name: p for p in there for name in (p.name, *p.also)}
     if place_name not in by_name:
@@ -111,10 +152,14 @@ def parse_addition(text: str, source: ModelicaSource) -> Addition:
         try:
             values[name] = float(number)
         except ValueError:
-            raise UnknownNameError(
-                "number", number, ["write it as 0.4"], where=f"--add {text}"
-            ) from None
-    return Addition(effect, place, values)
+            values[name] = math.nan
+        if not math.isfinite(values[name]):
+            raise InputError(
+                f"'{number}' is no value for {name}",
+                where=f"--add {text}",
+                remedy=f"write a number, as in {name}=0.4",
+            )
+    return replace(addition_at(source, effect, place), values=values)
 
 
 def extend(
@@ -129,7 +174,8 @@ def extend(
     Args:
         base: The user's model.
         additions: Effects with their places and values.
-        values: New defaults of the user's own parameters (and starts).
+        values: New defaults of the user's own parameters, by the names that they have in `base`;
+            `<state>.start` for the start of a state.
         name: Class name; by default the model's with the number of additions appended.
 
     Raises:
@@ -139,7 +185,7 @@ def extend(
     name = name or f"{base.short_name}_{len(additions)}"
     if not additions and not values:
         return ExtendedModel(base, (), {}, base.short_name, base, base.text)
-    write = _write_wrapper if _wrapped(additions, base) else _write_extension
+    write = _write_wrapper if _wrapped(additions) else _write_extension
     text = write(base, tuple(additions), values, name)
     whole = f"{base.text.rstrip()}\n\n{text}" if base.defines else text
     source = ModelicaSource(whole, name, f"{name}.mo", name, base.roots)
@@ -160,8 +206,7 @@ def text_diff(before: ExtendedModel | ModelicaSource, after: ExtendedModel) -> s
     )
 
 
-def _wrapped(additions: Sequence[Addition], base: ModelicaSource) -> bool:
-    del base
+def _wrapped(additions: Sequence[Addition]) -> bool:
     return any(a.effect.kind == "signal" or not a.place.inherited_connect for a in additions)
 
 
@@ -173,7 +218,21 @@ def _modifiers(values: Mapping[str, float]) -> str:
     """Return `(a = 1, b = 2)`, broken into lines as a person would."""
     if not values:
         return ""
-    return _in_parentheses(f"{name} = {_number(value)}" for name, value in values.items())
+    return _in_parentheses(_settings(values))
+
+
+def _settings(values: Mapping[str, float]) -> list[str]:
+    """Return `a = 1`, and `load(J = 2)` for the name `load.J`."""
+    direct: list[str] = []
+    nested: dict[str, dict[str, float]] = {}
+    for name, value in values.items():
+        component, dot, rest = name.partition(".")
+        if dot:
+            nested.setdefault(component, {})[rest] = value
+        else:
+            direct.append(f"{name} = {_number(value)}")
+    inner = [f"{name}({', '.join(_settings(part))})" for name, part in nested.items()]
+    return [*direct, *inner]
 
 
 def _in_parentheses(words: Iterable[str]) -> str:
@@ -184,8 +243,9 @@ def _in_parentheses(words: Iterable[str]) -> str:
 
 
 def _component(addition: Addition) -> str:
+    modifiers = _modifiers({**addition.values, **addition.starts})
     return (
-        f"  {addition.effect.class_name} {addition.instance}{_modifiers(addition.values)}\n"
+        f"  {addition.effect.class_name} {addition.instance}{modifiers}\n"
         f'    "{addition.effect.description}";\n'
     )
 
@@ -219,18 +279,24 @@ def _write_wrapper(
     parameters = [
         v
         for v in dae.parameters
-        if v.tunable and v.name not in dae.dependent_parameters and "." not in v.name
+        if v.tunable
+        and v.type is ScalarType.REAL
+        and v.name not in dae.dependent_parameters
+        and "." not in v.name
     ]
+    declared = {v.name for v in parameters}
+    deeper = {name: value for name, value in values.items() if name not in declared}
     lines = [f'model {name} "{base.short_name} with {", ".join(a.label for a in additions)}"\n']
     plant_class = base.base_class
     if inside:
-        plant_class = "Plant"
-        nested = _write_extension(base, inside, {}, "Plant")
+        plant_class = _nested_name(base, inside)
+        nested = _write_extension(base, inside, {}, plant_class)
         lines += ["  " + line + "\n" for line in nested.rstrip("\n").split("\n")]
     lines += [
         _declare_parameter(v, values.get(v.name, dae.parameter_values[v.name])) for v in parameters
     ]
-    same = _in_parentheses(f"{v.name} = {v.name}" for v in parameters) if parameters else ""
+    handed = [*(f"{v.name} = {v.name}" for v in parameters), *_settings(deeper)]
+    same = _in_parentheses(handed) if handed else ""
     lines.append(f"  {plant_class} plant{same};\n")
     lines += [_component(a) for a in (*bare, *series)]
     lines += [_declare_signal("RealInput", v) for v in dae.inputs]
@@ -249,6 +315,12 @@ def _write_wrapper(
     return "".join(lines)
 
 
+def _nested_name(base: ModelicaSource, additions: Sequence[Addition]) -> str:
+    used = (base.base_class, *(a.effect.class_name for a in additions))
+    taken = {name.partition(".")[0] for name in used}
+    return next(name for name in _NESTED if name not in taken)
+
+
 def _chain(series: tuple[Addition, ...], place: str) -> list[Addition]:
     here = [a for a in series if a.place.name == place]
     return sorted(here, key=lambda a: a.effect.name not in _FIRST_IN_CHAIN)
@@ -263,9 +335,9 @@ def _connect_chain(stations: Sequence[str]) -> list[str]:
 
 def _declare_parameter(v: Variable, value: float) -> str:
     attributes = [f'unit = "{v.unit}"'] if v.unit else []
-    for word, bound in (("min", v.minimum), ("max", v.maximum)):
-        if isinstance(bound, Literal):
-            attributes.append(f"{word} = {_number(float(bound.value))}")
+    for word, value_of in (("min", v.minimum), ("max", v.maximum), ("nominal", v.nominal)):
+        if isinstance(value_of, Literal):
+            attributes.append(f"{word} = {_number(float(value_of.value))}")
     head = f"  parameter Real {v.name}{'(' + ', '.join(attributes) + ')' if attributes else ''}"
     known = " annotation(__twinproof(known = true))" if v.known else ""
     description = f'\n    "{v.description}"' if v.description else ""

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from fmus.sources import ModelicaSource
 from identification.comparison import Comparison, compare
 from identification.discovery.crossvalidation import Verdict
@@ -156,7 +158,12 @@ def _score(
                 replace(holdout, free=problem.free), rung.model, fit.values, user
             )
             other = rung.experiment.on(record)
-            unseen = compare(record, other.shooting, other.predict(fit.values, horizon, sd=fit.sd))
+            unseen = compare(
+                record,
+                other.shooting,
+                other.predict(fit.values, horizon, sd=fit.sd),
+                user_name=rung.model.user_name,
+            )
             # Judged over short windows, like the cross-validation that let the step in: a free
             # simulation of a plant that integrates may drift further with a better model.
             short = other.predict(fit.values, fitting_length(WINDOW, record.sample_time), sd=fit.sd)
@@ -170,7 +177,12 @@ def _score(
                 rung.verdict,
                 fit,
                 rung.experiment,
-                compare(rung.experiment.problem, rung.experiment.shooting, train),
+                compare(
+                    rung.experiment.problem,
+                    rung.experiment.shooting,
+                    train,
+                    user_name=rung.model.user_name,
+                ),
                 unseen,
                 rung.diagnosis,
                 contradicted,
@@ -189,44 +201,54 @@ def _best_stage(rung: _Rung, horizon: float | None) -> tuple[Fit, Prediction]:
     if horizon is None:
         fits += rung.experiment.fit_stages(rung.fit.values)
     predictions = [rung.experiment.predict(f.values, horizon, sd=f.sd) for f in fits]
-    # `not <` rather than `>=`: a diverged prediction has NaN and never wins.
-    best = 0
-    for k, prediction in enumerate(predictions):
-        if prediction.total_nrmse < predictions[best].total_nrmse:
-            best = k
+    # A diverged prediction has NaN and never wins.
+    errors = [np.nan_to_num(p.total_nrmse, nan=np.inf) for p in predictions]
+    best = int(np.argmin(errors))
     return fits[best], predictions[best]
 
 
 def fitted_model(rung: _Rung, fit: Fit, x0: Vector, number: int) -> ExtendedModel:
     """Write a rung's model with its fitted parameters and starts as defaults."""
     model = rung.model
-    additions = [
-        replace(
-            addition,
-            values={
-                p.name: fit.values[model.parameter_of(addition, p.name)]
-                for p in addition.effect.parameters
-                if model.parameter_of(addition, p.name) in fit.free
-            },
-        )
-        for addition in model.additions
-    ]
-    instances = tuple(f"{a.instance}." for a in additions)
-    values = {
-        model.user_name(name): fit.values[name]
-        for name in fit.free
-        if not model.user_name(name).startswith(instances)
-    }
+    additions = list(model.additions)
+    declared = model.dae.parameter_values
+    # What the user set by hand belongs to the model as scored, like what was fitted.
+    values = {n: v for n, v in fit.values.items() if n in fit.free or v != declared[n]}
     values.update(start_values(rung.experiment, x0))
-    return extend(model.base, additions, values=values, name=f"{model.base.short_name}_{number}")
+    by_user = {model.user_name(name): value for name, value in values.items()}
+    for k, addition in enumerate(additions):
+        prefix = f"{addition.instance}."
+        own = {
+            name.removeprefix(prefix): by_user.pop(name)
+            for name in list(by_user)
+            if name.startswith(prefix)
+        }
+        parameters = {p.name for p in addition.effect.parameters}
+        additions[k] = replace(
+            addition,
+            values={name: value for name, value in own.items() if name in parameters},
+            starts={name: value for name, value in own.items() if name not in parameters},
+        )
+    return extend(model.base, additions, values=by_user, name=f"{model.base.short_name}_{number}")
 
 
 def start_values(experiment: Experiment, x0: Vector) -> dict[str, float]:
-    """Return the user's start parameters that give an initial state."""
+    """Return what gives an initial state: a start parameter, or `<variable>.start`."""
     dae = experiment.problem.dae
-    index = {name: k for k, name in enumerate(experiment.shooting.state_names)}
-    return {
-        parameter: float(x0[index[state]])
+    # A state may have the name of one variable and the start of another that equals it.
+    declared = {a.of: a for a in dae.aliases.values() if a.declared.fixed}
+    parameter_of = {
+        state: parameter
         for parameter, state in dae.start_parameters.items()
-        if "." not in parameter and parameter not in dae.dependent_parameters
+        if parameter not in dae.dependent_parameters
     }
+    found: dict[str, float] = {}
+    for state, value in zip(experiment.shooting.state_names, x0, strict=True):
+        alias = declared.get(state)
+        if state in parameter_of:
+            found[parameter_of[state]] = float(value)
+        elif alias is not None:
+            found[f"{alias.name}.start"] = alias.sign * float(value)
+        else:
+            found[f"{state}.start"] = float(value)
+    return found

@@ -16,7 +16,7 @@ from fmus.places import Place, places
 from fmus.sources import ModelicaSource
 from foundation.errors import UnsupportedModelError
 from identification.discovery.effects import find_effects
-from identification.discovery.extension import Addition, ExtendedModel, extend
+from identification.discovery.extension import Addition, ExtendedModel, addition_at, extend
 from identification.discovery.transfer import flat_name, transfer_problem, transfer_states
 from identification.experiment import Experiment
 from identification.gauss_newton import Fit, Linearised, linearise
@@ -58,7 +58,7 @@ def candidates(source: ModelicaSource, measured: Sequence[str]) -> tuple[Additio
     """
     effects = find_effects(source)
     return tuple(
-        Addition(effect, place)
+        addition_at(source, effect, place)
         for place in places(source)
         for effect in effects
         if _fits(place, effect.kind, measured)
@@ -98,7 +98,7 @@ def scan(
     whole_problem = transfer_problem(problem, whole, fit.values, model)
     shooting = Shooting(whole.dae, problem.output_names, sensitive)
     windows = experiment.windows
-    x0 = transfer_states(whole_problem, shooting, windows, experiment, fit.x0)
+    x0 = transfer_states(whole_problem, shooting, whole, windows, experiment, model, fit.x0)
     at = linearise(whole_problem, shooting, windows, x0, whole_problem.values, fit.sd)
     scored = [
         _score(whole_problem, at, len(base_names), sensitive, addition, names)

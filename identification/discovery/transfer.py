@@ -15,12 +15,7 @@ from identification.windows import Window, guess_states
 
 def flat_name(model: ExtendedModel, previous: ExtendedModel, name: str) -> str:
     """Return the flat name that a variable of `previous` has in `model`."""
-    plain = previous.user_name(name)
-    for addition in model.additions:
-        prefix = f"{addition.instance}."
-        if plain.startswith(prefix):
-            return model.parameter_of(addition, plain.removeprefix(prefix))
-    return plain
+    return model.flat_name(previous.user_name(name))
 
 
 def transfer_problem(
@@ -63,26 +58,25 @@ def transfer_problem(
 def transfer_states(
     problem: Problem,
     shooting: Shooting,
+    model: ExtendedModel,
     windows: Sequence[Window],
-    previous: Experiment,
+    experiment: Experiment,
+    previous: ExtendedModel,
     x0: Matrix,
 ) -> Matrix:
     """Return (windows, nx) initial states: the previous model's, and guesses for new ones.
 
     Args:
-        problem, shooting: The other extension.
+        problem, shooting, model: The other extension.
         windows: Of both.
-        previous: The previous model on the same record.
+        experiment, previous: The previous model on the same record.
         x0: (windows, nx) its initial states.
     """
     states = guess_states(problem, shooting, windows)
-    old = {_plain(name): i for i, name in enumerate(previous.shooting.state_names)}
+    names = experiment.shooting.state_names
+    old = {previous.user_name(name): i for i, name in enumerate(names)}
     for j, name in enumerate(shooting.state_names):
-        i = old.get(_plain(name))
+        i = old.get(model.user_name(name))
         if i is not None:
             states[:, j] = x0[:, i]
     return states
-
-
-def _plain(name: str) -> str:
-    return name.removeprefix("plant.")
