@@ -16,7 +16,7 @@ from twinproof.report.tables import candidate_rows
 _MEANS = {
     Outcome.COMPLETE: "What the fitted model leaves over is the sensors’ noise.",
     Outcome.EFFECT: "It passed cross-validation on windows that its fit had not seen. "
-    "Add it with `twinproof improve`.",
+    "“twinproof improve” adds it.",
     Outcome.UNDETERMINED: "Several effects explain these data alike; see what to record next.",
     Outcome.UNKNOWN_SHAPE: "The error is above the sensors’ noise, but no effect at any place "
     "explains it beyond chance. Look at the error against the observed variables for its shape.",
