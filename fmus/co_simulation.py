@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from ctypes import c_int, c_size_t, c_uint32, c_void_p
 from typing import Any, TypeAlias
@@ -27,7 +28,11 @@ class Messages:
     """Collects what FMUs say through their logger."""
 
     def __init__(self) -> None:
-        self.lines: list[str] = []
+        self.lines: deque[str] = deque(maxlen=1000)
+
+    def add_fmi3(self, _environment: Any, _status: int, _kind: Any, text: bytes) -> None:
+        """Take one message of FMI 3; called from C."""
+        self.lines.append(text.decode(errors="replace"))
 
     def add(self, _environment: Any, _name: Any, _status: int, _kind: Any, text: bytes) -> None:
         """Take one message; called from C."""

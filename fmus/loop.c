@@ -125,8 +125,9 @@ static void gather(System *s, const Unit *unit, const double *external)
 static bool step(System *s, int32_t k, double time, double length)
 {
     const Unit *unit = s->units + k;
-    if (unit->version != 3)
-        return passed(s, k, STEPPING, ((Step *)unit->do_step)(unit->component, time, length, 1));
+    if (unit->version != 3) /* FMI 1: a new step; FMI 2: it may be taken back */
+        return passed(s, k, STEPPING,
+                      ((Step *)unit->do_step)(unit->component, time, length, unit->version == 1));
     bool event = false, ended = false, early = false;
     double reached = time;
     const int status = ((Step3 *)unit->do_step)(unit->component, time, length, false, &event,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tempfile
+import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +15,7 @@ import fmpy.simulation
 import numpy as np
 import numpy.typing as npt
 
-from fmus.archive import FmuDescription, description_of, extract, read_description
+from fmus.archive import FmuDescription, check_archive, description_of, extract, read_description
 from fmus.co_simulation import Messages, run_co_simulation
 from fmus.dae import Dae
 from fmus.model_exchange import run_model_exchange
@@ -31,6 +32,10 @@ Inputs: TypeAlias = tuple[Array, Mapping[str, Array]]
 
 _TOLERANCE = 1e-10
 """Of CVODE, if none is asked for: its error over a run is hundreds of times that of a step."""
+
+
+_LOADING = threading.Lock()
+"""FMPy changes the working directory while it loads a binary."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,8 +57,12 @@ class Simulation:
 class Fmu:
     """An FMU extracted once, to be run many times. Use it in a `with` statement.
 
+    Its binary runs in this process: a foreign FMU can take it down. `simulate` and `open_plant`
+    keep foreign ones in a child process.
+
     Args:
         path: The file.
+        sha256: Of the file, if only that very file is to be used.
 
     Raises:
         FmuError: It cannot be read or extracted, or has no binary for this platform.
@@ -66,13 +75,14 @@ class Fmu:
         array([0. , 0.5, 1. ])
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, *, sha256: str | None = None) -> None:
         self.path = path
-        self._description = read_description(path)
-        self.description: FmuDescription = description_of(self._description)
+        check_archive(path, sha256=sha256)
+        self.model_description = read_description(path)
+        self.description: FmuDescription = description_of(self.model_description, where=str(path))
         self._folder = tempfile.TemporaryDirectory(prefix="twinproof-")
         try:
-            extract(path, Path(self._folder.name))
+            extract(path, Path(self._folder.name), sha256=sha256)
             platforms = fmpy.supported_platforms(self._folder.name)
             if fmpy.platform not in platforms and fmpy.platform_tuple not in platforms:
                 raise FmuError(
@@ -106,10 +116,12 @@ class Fmu:
             FmuError: The binary does not load, or refuses.
         """
         messages = Messages()
+        logger = messages.add_fmi3 if self.description.fmi.startswith("3") else messages.add
         try:
-            instance = fmpy.simulation.instantiate_fmu(
-                self._folder.name, self._description, kind, logger=messages.add
-            )
+            with _LOADING:
+                instance = fmpy.simulation.instantiate_fmu(
+                    self._folder.name, self.model_description, kind, logger=logger
+                )
         except Exception as error:  # FMPy raises bare exceptions
             raise FmuError(
                 f"the FMU does not load: {messages.last or error}",
@@ -132,7 +144,7 @@ class Fmu:
         tolerance: float | None = None,
     ) -> Simulation:
         """Run the FMU once. See `simulate`."""
-        kind = kind or ("CoSimulation" if self._description.coSimulation else "ModelExchange")
+        kind = kind or ("CoSimulation" if self.model_description.coSimulation else "ModelExchange")
         if kind not in self.description.kinds:
             raise FmuError(
                 f"the FMU does not offer {kind}",
@@ -142,11 +154,13 @@ class Fmu:
         names = self._known(outputs, [v.name for v in self.description.outputs])
         values = dict(parameters or {})
         self._known(list(values), [])
-        signals = _checked(inputs, [v.name for v in self.description.inputs], self.path)
-        grid = _grid(signals, start, stop, step)
+        signals = checked_inputs(inputs, [v.name for v in self.description.inputs], self.path)
+        grid = time_grid(signals, start, stop, step)
         instance, messages = self.instantiate(kind)
         try:
-            is_compiled = can_step(self._description, [*names, *(signals[1] if signals else ())])
+            is_compiled = can_step(
+                self.model_description, [*names, *(signals[1] if signals else ())]
+            )
             if kind == "ModelExchange" and self.description.fmi != "2.0":
                 columns = self._run_with_fmpy(
                     instance, kind, grid, signals, values, names, hold, tolerance
@@ -159,12 +173,12 @@ class Fmu:
                 )
             elif kind == "CoSimulation":
                 columns = run_co_simulation(
-                    instance, self._description, grid, signals, values, names, hold, tolerance
+                    instance, self.model_description, grid, signals, values, names, hold, tolerance
                 )
             else:
                 columns = run_model_exchange(
                     instance,
-                    self._description,
+                    self.model_description,
                     grid,
                     signals,
                     values,
@@ -208,7 +222,7 @@ class Fmu:
         result = fmpy.simulate_fmu(
             self._folder.name,
             validate=False,
-            model_description=self._description,
+            model_description=self.model_description,
             fmu_instance=instance,
             fmi_type=kind,
             start_time=float(grid[0]),
@@ -305,7 +319,12 @@ def simulate_model(
     return simulate(model_fmu(model, roots), **settings)
 
 
-def _checked(inputs: Inputs | None, known: Sequence[str], path: Path) -> Inputs | None:
+def checked_inputs(inputs: Inputs | None, known: Sequence[str], path: Path) -> Inputs | None:
+    """Return inputs as arrays, or None if nothing is driven.
+
+    Raises:
+        UnknownNameError, InputError: As `simulate`.
+    """
     if inputs is None or not inputs[1]:
         return None
     time = np.asarray(inputs[0], float)
@@ -328,9 +347,10 @@ def _checked(inputs: Inputs | None, known: Sequence[str], path: Path) -> Inputs 
     return time, columns
 
 
-def _grid(
+def time_grid(
     signals: Inputs | None, start: float | None, stop: float | None, step: float | None
 ) -> Array:
+    """Return the times of a result, shape (n,) [s]; arguments and errors as `simulate`."""
     first = start if start is not None else (float(signals[0][0]) if signals else 0.0)
     last = stop if stop is not None else (float(signals[0][-1]) if signals else first + 10.0)
     if not last > first:
