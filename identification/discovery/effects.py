@@ -52,6 +52,7 @@ class Effect:
         parameters: Its tunable parameters.
         defaults: Their values, at which the effect is absent.
         delays: It has a memory of its input (`delay`).
+        states: Number of states of its own.
     """
 
     class_name: str
@@ -60,11 +61,17 @@ class Effect:
     parameters: tuple[Variable, ...]
     defaults: tuple[float, ...]
     delays: bool = False
+    states: int = 0
 
     @property
     def name(self) -> str:
         """The class's own name, as users write it."""
         return self.class_name.rpartition(".")[2]
+
+    @property
+    def has_memory(self) -> bool:
+        """Its output depends on more than the present input."""
+        return self.delays or self.states > 0
 
     @property
     def main_parameters(self) -> tuple[str, ...]:
@@ -209,6 +216,7 @@ def _read(
         tuple(_unprefixed(v) for v in parameters),
         tuple(dae.parameter_values[v.name] for v in parameters),
         bool(dae.delays),
+        len(dae.states) - (0 if kind == "signal" else 2),
     )
 
 
