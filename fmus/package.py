@@ -27,7 +27,18 @@ from foundation.errors import UnknownNameError
 from foundation.files import written_whole
 
 _RUNTIME = Path(__file__).parent / "runtime"
-_CORE = ("core.h", "core.c", "sliding.c", "history.c", "events.c", "solver.c")
+_CORE = (
+    "core.h",
+    "core.c",
+    "linear.c",
+    "sliding.c",
+    "history.c",
+    "events.c",
+    "solver.c",
+    "dormand_prince.c",
+    "rosenbrock.c",
+    "location.c",
+)
 _FMI2 = ("fmi2.c",)
 # The standard's own header files (BSD licence), as FMPy carries them.
 _FMI2_HEADERS = ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h")

@@ -37,39 +37,7 @@ static Point point_now(Instance *m)
     return point_at(m, m->now.values[TIME], m->now.values + STATES);
 }
 
-/* Solve A y = b of order n in place by elimination with row exchange; A is stored by columns. */
-static bool solve_linear(int n, double *A, double *b)
-{
-    for (int k = 0; k < n; k++) {
-        int pivot = k;
-        for (int i = k + 1; i < n; i++)
-            if (fabs(A[i + k * n]) > fabs(A[pivot + k * n]))
-                pivot = i;
-        if (!(fabs(A[pivot + k * n]) > DBL_MIN))
-            return false;
-        for (int j = k; j < n; j++) {
-            const double swap = A[k + j * n];
-            A[k + j * n] = A[pivot + j * n];
-            A[pivot + j * n] = swap;
-        }
-        const double swap = b[k];
-        b[k] = b[pivot];
-        b[pivot] = swap;
-        for (int i = k + 1; i < n; i++) {
-            const double factor = A[i + k * n] / A[k + k * n];
-            for (int j = k; j < n; j++)
-                A[i + j * n] -= factor * A[k + j * n];
-            b[i] -= factor * b[k];
-        }
-    }
-    for (int k = n - 1; k >= 0; k--) {
-        for (int j = k + 1; j < n; j++)
-            b[k] -= A[k + j * n] * b[j];
-        b[k] /= A[k + k * n];
-    }
-    return true;
-}
-
+#include "linear.c"
 #include "sliding.c"
 
 static void evaluate_derivatives(Instance *m, double time, const double *x, double *derivatives)

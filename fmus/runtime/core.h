@@ -76,6 +76,9 @@ typedef struct {
     double triggers[ROOM(N_TRIGGERS)];   /* when-conditions, as of the last event */
     double tolerance;
     double step;       /* that the integrator tries next; 0 if it does not know yet */
+    bool is_stiff;     /* the method for stiff models is in use */
+    int steps_for;     /* steps of late that speak for the other method */
+    int steps_against; /* steps of late that do not */
     bool started;      /* states have been computed from start values */
     int sliding;       /* number of surfaces */
     Surface surfaces[ROOM(N_RELATIONS)];
@@ -86,6 +89,8 @@ typedef struct {
 typedef struct {
     State now;
     char message[256]; /* what went wrong last */
+    bool pauses_at_events; /* the importer wants to take part in each */
+    bool is_paused;        /* at one */
 } Instance;
 
 /* All functions that can fail return false and leave a message. */
@@ -125,6 +130,11 @@ static void evaluate_indicators(Instance *m, const Point *at, double *indicators
     &(point)->time, (point)->states, (point)->inputs, (m)->now.values + PARAMETERS,                \
         (m)->now.values + DISCRETES, (point)->delayed, (point)->relations
 
+/* linear.c */
+static bool factorise(int n, double *A, int *pivots);
+static void substitute(int n, const double *factors, const int *pivots, double *b);
+static bool solve_linear(int n, double *A, double *b);
+
 /* sliding.c */
 static bool is_on_surface(const Instance *m, int relation);
 static void leave_surfaces(Instance *m, const double *indicators);
@@ -142,6 +152,7 @@ static double history_longest_step(Instance *m);
 /* events.c */
 static void relations_refresh(Instance *m, const double *indicators);
 static bool relations_switched(Instance *m, double time, const double *states);
+static void event_margins(Instance *m, double time, const double *states, double *margins);
 static void event_indicators(Instance *m, double *indicators);
 static bool events_update(Instance *m);
 

@@ -8,23 +8,31 @@ static void relations_refresh(Instance *m, const double *indicators)
             m->now.relations[i] = model_is_strict[i] ? indicators[i] > 0 : indicators[i] >= 0;
 }
 
-/* Has any relation switched, at a trial of the integrator? */
-static bool relations_switched(Instance *m, double time, const double *states)
+/* How far each relation is from switching, at a trial of the integrator; negative beyond. */
+static void event_margins(Instance *m, double time, const double *states, double *margins)
 {
-    if (N_RELATIONS == 0)
-        return false;
     double indicators[ROOM(N_RELATIONS)];
     const Point at = point_at(m, time, states);
     evaluate_indicators(m, &at, indicators);
     for (int i = 0; i < N_RELATIONS; i++) {
-        const bool holds = m->now.relations[i] > 0;
-        if (is_on_surface(m, i))
-            continue;
-        if (holds ? indicators[i] < -EVENT_WIDTH : indicators[i] > EVENT_WIDTH)
-            return true;
+        const double distance = m->now.relations[i] > 0 ? indicators[i] : -indicators[i];
+        /* On a surface nothing switches, except that the surface may be left. */
+        margins[i] = EVENT_WIDTH + (is_on_surface(m, i) ? 0 : distance);
     }
-    for (int k = 0; k < m->now.sliding; k++)
-        if (distance_from(&m->now.surfaces[k], indicators) > SLIDING_WIDTH)
+    for (int k = 0; k < m->now.sliding; k++) {
+        const Surface *surface = &m->now.surfaces[k];
+        margins[surface->relation] = SLIDING_WIDTH - distance_from(surface, indicators);
+    }
+}
+
+/* Has any relation switched, at a trial of the integrator? */
+static bool relations_switched(Instance *m, double time, const double *states)
+{
+    double margins[ROOM(N_RELATIONS)];
+    if (N_RELATIONS > 0)
+        event_margins(m, time, states, margins);
+    for (int i = 0; i < N_RELATIONS; i++)
+        if (margins[i] < 0)
             return true;
     return false;
 }
@@ -32,19 +40,10 @@ static bool relations_switched(Instance *m, double time, const double *states)
 /* What importers watch for a change of sign. */
 static void event_indicators(Instance *m, double *indicators)
 {
-    const Point at = point_now(m);
-    evaluate_indicators(m, &at, indicators);
-    double watched[ROOM(N_RELATIONS)] = {0};
-    for (int i = 0; i < N_RELATIONS; i++) {
-        const double width = m->now.relations[i] > 0 ? EVENT_WIDTH : -EVENT_WIDTH;
-        /* On a surface nothing switches, except that the surface may be left. */
-        watched[i] = is_on_surface(m, i) ? EVENT_WIDTH : indicators[i] + width;
-    }
-    for (int k = 0; k < m->now.sliding; k++) {
-        const Surface *surface = &m->now.surfaces[k];
-        watched[surface->relation] = SLIDING_WIDTH - distance_from(surface, indicators);
-    }
-    memcpy(indicators, watched, sizeof watched);
+    event_margins(m, m->now.values[TIME], m->now.values + STATES, indicators);
+    for (int i = 0; i < N_RELATIONS; i++)
+        if (!is_on_surface(m, i) && !(m->now.relations[i] > 0))
+            indicators[i] = -indicators[i];
 }
 
 /* Event iteration: update relations and fire when-clauses until nothing changes. */
