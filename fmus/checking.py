@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import fmpy
 import numpy as np
-from fmpy.fmi2 import FMU2Slave
 from fmpy.validation import validate_fmu
 
+from fmus.archive import FmuDescription, check_archive, describe, read_description
+from fmus.guarded import ask, is_ours
+from fmus.plant import Plant
 from fmus.running import simulate
-from foundation.errors import FmuError, TwinproofError
+from foundation.errors import TwinproofError
 
 _DURATION = 1.0
 _STEP = 0.01
@@ -39,10 +39,11 @@ def check_fmu(path: Path) -> tuple[Check, ...]:
     """Try an FMU against the list.
 
     Args:
-        path: The file. An FMU is native code, and this runs it.
+        path: The file, of any FMI version; a foreign one runs in a child process.
 
     Raises:
-        FmuError: The file is not there or is no archive with a model description.
+        FmuError: The file is not there or is no archive with a model description; or the FMU
+            takes its process down.
 
     Example:
         >>> check_fmu(Path("missing.fmu"))
@@ -50,16 +51,16 @@ def check_fmu(path: Path) -> tuple[Check, ...]:
         ...
         foundation.errors.FmuError: no such FMU (missing.fmu); check the path
     """
-    if not path.is_file():
-        raise FmuError("no such FMU", where=str(path), remedy="check the path")
-    try:
-        description = fmpy.read_model_description(str(path), validate=False)
-    except Exception as error:
-        raise FmuError(
-            f"the model description cannot be read: {error}",
-            where=str(path),
-            remedy="export the FMU again",
-        ) from error
+    check_archive(path)
+    if is_ours(path):
+        return check_directly(path)
+    lines: list[list[Any]] = ask("check", path)
+    return tuple(Check(str(name), bool(ok), str(detail)) for name, ok, detail in lines)
+
+
+def check_directly(path: Path) -> tuple[Check, ...]:
+    """As `check_fmu`, in this process."""
+    description = read_description(path)
     return tuple(_checks(path, description))
 
 
@@ -98,14 +99,24 @@ def _checks(path: Path, description: Any) -> Iterator[Check]:
             and all(np.array_equal(results[0][n], again[n]) for n in again)
         )
         yield Check("repeats itself", same, "bit for bit" if same else "two runs differ")
-    co_simulation = description.coSimulation
-    if (
-        co_simulation is not None
-        and co_simulation.canGetAndSetFMUstate
-        and str(description.fmiVersion).startswith("2")
-    ):
-        said = _attempt(lambda: _restore(path, description))
-        yield Check("restores its state", said == "", said or "a replay equals the first run")
+    if kinds and description.coSimulation is not None:
+        yield from _checks_of_stepping(path, describe(path))
+
+
+def _checks_of_stepping(path: Path, description: FmuDescription) -> Iterator[Check]:
+    trials: list[tuple[str, Callable[[Path], str]]] = [
+        ("values at the start", _starts),
+        ("reset starts anew", _reset),
+        ("instances share nothing", _instances),
+    ]
+    if description.saves_state:
+        trials.append(("restores its state", _restore))
+    if description.directional_derivatives and description.inputs and description.outputs:
+        trials.append(("directional derivatives", _derivatives))
+    for name, trial in trials:
+        said = _attempt(lambda trial=trial: trial(path))
+        wrong = said.removeprefix("ok: ") if isinstance(said, str) else str(said)
+        yield Check(name, wrong != said, wrong)
 
 
 def _attempt(action: Callable[[], Any]) -> Any:
@@ -119,7 +130,7 @@ def _attempt(action: Callable[[], Any]) -> Any:
 
 
 def _run(path: Path, kind: str) -> dict[str, Any]:
-    run = simulate(path, start=0.0, stop=_DURATION, step=_STEP, kind=kind)  # type: ignore[arg-type]
+    run = simulate(path, start=0.0, stop=_DURATION, step=_STEP, kind=kind, guarded=False)  # type: ignore[arg-type]
     return dict(run.columns)
 
 
@@ -128,39 +139,84 @@ def _span(columns: dict[str, Any]) -> str:
     return f"not finite: {', '.join(bad)}" if bad else f"{len(columns)} outputs, all finite"
 
 
-def _restore(path: Path, description: Any) -> str:
-    """Run, save, run on, restore, run on again; return "" if both continuations are equal."""
-    references = [
-        v.valueReference
+def _starts(path: Path) -> str:
+    """Compare what the FMU gives after its initialization with what its description says."""
+    description = read_description(path)
+    exact = {
+        str(v.name): float(v.start)
         for v in description.modelVariables
-        if v.causality == "output" and v.type == "Real"
-    ]
-    folder = fmpy.extract(str(path))
-    try:
-        fmu = FMU2Slave(
-            guid=description.guid,
-            unzipDirectory=folder,
-            instanceName="check",
-            modelIdentifier=description.coSimulation.modelIdentifier,
-        )
-        fmu.instantiate()
-        fmu.setupExperiment(startTime=0.0)
-        fmu.enterInitializationMode()
-        fmu.exitInitializationMode()
+        if v.type in ("Real", "Float64")
+        and v.initial == "exact"
+        and v.start not in (None, "")
+        and not getattr(v, "dimensions", ())
+    }
+    with Plant(path, outputs=list(exact)) as plant:
+        values = plant.read()
+    wrong = [n for n, start in exact.items() if not np.isclose(values[n], start, 1e-9, 1e-12)]
+    if wrong:
+        name = wrong[0]
+        return f"{name} is {values[name]:g}, its start is {exact[name]:g}"
+    return f"ok: {len(exact)} values as declared"
 
-        def advance(begin: int, end: int) -> list[float]:
-            for k in range(begin, end):
-                fmu.doStep(k * _STEP, _STEP)
-            return list(fmu.getReal(references)) if references else []
 
-        advance(0, 20)
-        state = fmu.getFMUstate()
-        first = advance(20, 60)
-        fmu.setFMUstate(state)
-        second = advance(20, 60)
-        fmu.freeFMUstate(state)
-        fmu.terminate()
-        fmu.freeInstance()
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
-    return "" if first == second else "a replay from a saved state differs"
+def _advance(plant: Plant, steps: int) -> list[dict[str, float]]:
+    rows: list[dict[str, float]] = []
+    for _ in range(steps):
+        plant.step(_STEP)
+        rows.append(plant.read())
+    return rows
+
+
+def _reset(path: Path) -> str:
+    with Plant(path) as plant:
+        first = _advance(plant, 30)
+        plant.reset()
+        second = _advance(plant, 30)
+    return "ok: the second run equals the first" if first == second else "the second run differs"
+
+
+def _instances(path: Path) -> str:
+    with Plant(path) as plant:
+        alone = _advance(plant, 20)
+    with Plant(path) as one, Plant(path) as other:
+        pairs = [(_advance(one, 1)[0], _advance(other, 1)[0]) for _ in range(20)]
+    same = all(a == b == c for a, (b, c) in zip(alone, pairs, strict=True))
+    return "ok: two at a time do as one alone" if same else "two at a time differ from one alone"
+
+
+def _restore(path: Path) -> str:
+    """Run, save, run on, restore, run on again."""
+    with Plant(path) as plant:
+        _advance(plant, 20)
+        state = plant.save()
+        first = _advance(plant, 40)
+        plant.rewind(state)
+        second = _advance(plant, 40)
+        plant.forget(state)
+    return (
+        "ok: a replay equals the first run"
+        if first == second
+        else "a replay from a saved state differs"
+    )
+
+
+def _derivatives(path: Path) -> str:
+    """Compare outputs' derivatives by inputs with central differences."""
+    with Plant(path) as plant:
+        _advance(plant, 5)
+        reals = [n for n in plant.outputs if plant.is_real(n)]
+        inputs = [n for n in plant.inputs if plant.is_real(n)]
+        given = plant.derivatives(reals, inputs)
+        numeric = np.empty_like(given)
+        for column, name in enumerate(inputs):
+            middle = plant.held(name)
+            width = 1e-5 * max(1.0, abs(middle))
+            sides: list[dict[str, float]] = []
+            for value in (middle + width, middle - width):
+                plant.set({name: value})
+                sides.append(plant.read())
+            plant.set({name: middle})
+            numeric[:, column] = [(sides[0][n] - sides[1][n]) / (2 * width) for n in reals]
+    error = float(np.max(np.abs(given - numeric) / (1 + np.abs(numeric)), initial=0.0))
+    what = f"largest difference from finite differences {error:.1e}"
+    return f"ok: {what}" if error < 1e-4 else what

@@ -169,6 +169,14 @@ class Plant:
         if rest:
             self._try(tune)
 
+    def held(self, name: str) -> float:
+        """Return the value that an input is held at."""
+        return float(self._held[list(self.inputs).index(name)])
+
+    def is_real(self, name: str) -> bool:
+        """Whether a variable is a real number rather than an integer, a Boolean, a choice."""
+        return str(self._variables[name].type) in ("Real", "Float64", "Float32")
+
     def read(self) -> dict[str, float]:
         """Return the outputs as they are now, with the inputs as they are set.
 
@@ -332,12 +340,17 @@ class Plant:
         columns: list[Sequence[float]] = []
         for name in by:
             known = [self._variables[name].valueReference]
-            self._try(
-                lambda known=known: columns.append(
-                    self._instance.getDirectionalDerivative(unknowns, known, [1.0])
-                )
-            )
+            self._try(lambda known=known: columns.append(self._derivative(unknowns, known)))
         return np.array(columns, float).reshape(len(by), len(of)).T
+
+    def _derivative(self, unknowns: list[int], known: list[int]) -> list[float]:
+        if not self._fmu.description.fmi.startswith("3"):
+            return list(self._instance.getDirectionalDerivative(unknowns, known, [1.0]))
+        return list(
+            self._instance.getDirectionalDerivative(
+                unknowns=unknowns, knowns=known, seed=[1.0], nSensitivity=len(unknowns)
+            )
+        )
 
     def _numbers(
         self, values: Mapping[str, Value], *, may_be_any: bool = False

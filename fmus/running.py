@@ -18,6 +18,7 @@ import numpy.typing as npt
 from fmus.archive import FmuDescription, check_archive, description_of, extract, read_description
 from fmus.co_simulation import Messages, run_co_simulation
 from fmus.dae import Dae
+from fmus.guarded import is_ours, simulate_guarded
 from fmus.model_exchange import run_model_exchange
 from fmus.package import cached_fmu
 from fmus.sources import ModelicaSource, find_source
@@ -252,8 +253,10 @@ def simulate(
     kind: Kind | None = None,
     hold: Hold = "zero-order",
     tolerance: float | None = None,
+    guarded: bool | None = None,
+    sha256: str | None = None,
 ) -> Simulation:
-    """Run an FMU once.
+    """Run an FMU once; a foreign one in a child process with limits.
 
     Values at a time are those after the inputs of that time have been set.
 
@@ -269,24 +272,30 @@ def simulate(
         kind: Default: Co-Simulation if the FMU has it.
         hold: `zero-order` keeps an input until its next value, `linear` joins its values.
         tolerance: Relative, of the integrator; default: the FMU's own.
+        guarded: In a child process; default: unless we compiled the FMU ourselves.
+        sha256: Of the file, if only that very file is to be used.
 
     Raises:
         UnknownNameError: An input, a parameter or an output that the FMU does not have.
         InputError: Times that do not increase.
         FmuError: The FMU does not load, or fails while it runs.
     """
-    with Fmu(fmu) as opened:
-        return opened.simulate(
-            inputs=inputs,
-            parameters=parameters,
-            start=start,
-            stop=stop,
-            step=step,
-            outputs=outputs,
-            kind=kind,
-            hold=hold,
-            tolerance=tolerance,
-        )
+    settings: dict[str, Any] = {
+        "inputs": inputs,
+        "parameters": parameters,
+        "start": start,
+        "stop": stop,
+        "step": step,
+        "outputs": outputs,
+        "kind": kind,
+        "hold": hold,
+        "tolerance": tolerance,
+    }
+    if guarded or (guarded is None and not is_ours(fmu)):
+        answer = simulate_guarded(fmu, settings, sha256=sha256)
+        return Simulation(answer["time"], answer["columns"])
+    with Fmu(fmu, sha256=sha256) as opened:
+        return opened.simulate(**settings)
 
 
 def model_fmu(model: str | Path | ModelicaSource | Dae, roots: tuple[Path, ...] = ()) -> Path:

@@ -123,6 +123,15 @@ def _library() -> ctypes.CDLL:
     return library
 
 
+def prepare() -> None:
+    """Compile the loop, if it is not in the user's cache yet.
+
+    Raises:
+        CompilerError: There is no compiler.
+    """
+    _library()
+
+
 @dataclass(frozen=True)
 class UnitOf:
     """An initialised Co-Simulation instance that takes part.
