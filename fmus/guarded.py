@@ -12,6 +12,7 @@ import atexit
 import contextlib
 import json
 import os
+import shutil
 import signal
 import socket
 import subprocess
@@ -64,9 +65,10 @@ class Guard:
     def __init__(self, limits: Limits | None = None) -> None:
         self.limits = limits or Limits()
         self.has_network: bool | None = None
+        self.starts = 0
         self._process: subprocess.Popen[bytes] | None = None
         self._connection: socket.socket | None = None
-        self._folder: tempfile.TemporaryDirectory[str] | None = None
+        self._folder: Path | None = None
         self._runs = 0
         self._lock = threading.RLock()
 
@@ -125,9 +127,12 @@ class Guard:
             except BaseException:
                 self.close()  # an interrupted answer would be taken for the next one's
                 raise
-        if "error" in answer:
-            raise _error(answer, where)
-        return answer["result"]
+            if "error" not in answer:
+                return answer["result"]
+            error = _error(answer, where)
+            if isinstance(error, FmuError) and not keep:
+                self.close()  # what failed may have left the process in a bad way
+            raise error
 
     def close(self) -> None:
         """End the child and remove its folder."""
@@ -139,17 +144,15 @@ class Guard:
                     os.killpg(self._process.pid, signal.SIGKILL)
                 self._process.wait()
             if self._folder is not None:
-                self._folder.cleanup()
+                shutil.rmtree(self._folder, ignore_errors=True)
             self._process = self._connection = self._folder = None
             self._runs = 0
 
     def _start(self) -> None:
         ours, theirs = socket.socketpair()
-        self._folder = tempfile.TemporaryDirectory(
-            prefix="twinproof-child-", ignore_cleanup_errors=True
-        )
+        self._folder = Path(tempfile.mkdtemp(prefix="twinproof-child-"))
         prepare()  # compiled here: the child need not write to the cache
-        places = dict.fromkeys(("TMPDIR", "HOME", "TEMP"), self._folder.name)
+        places = dict.fromkeys(("TMPDIR", "HOME", "TEMP"), str(self._folder))
         passed = {
             name: os.environ[name]
             for name in ("PATH", "LANG", "LC_ALL", "LD_LIBRARY_PATH", "CC")
@@ -164,7 +167,7 @@ class Guard:
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
-            cwd=self._folder.name,
+            cwd=self._folder,
             env={
                 **passed,
                 **places,
@@ -177,6 +180,7 @@ class Guard:
             start_new_session=True,
         )
         theirs.close()
+        self.starts += 1
         self._connection = ours
         try:
             end = time.monotonic() + _START
