@@ -51,6 +51,8 @@ class Kalman(Estimator):
         fit = experiment.fit_stages(best_start(experiment).values)[-1]
         rough = estimate_of(problem, fit, self.method)
         seen = tuple(name for name in problem.free if rough.parameters[name].identifiable)
+        if not seen:
+            return rough
         maximum = most_likely(replace(problem, free=seen), fit.values, self.rates)
         return _estimate(problem, rough, maximum)
 

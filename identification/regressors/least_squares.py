@@ -363,6 +363,13 @@ def to_estimate(
         "leave it out of --free"
         for name in regression.inert
     ]
+    known = {*regression.parameters, *regression.shape, *regression.inert}
+    outside += [
+        f"{name} acts only in a part of the state space far from rest and is held at "
+        f"{start[name]:g}; --method output-error fits it if the record goes there"
+        for name in regression.free
+        if name not in known
+    ]
     lumps = {
         str(column.lump): float(value)
         for column, value in zip(regression.columns, solution.lumps, strict=True)
