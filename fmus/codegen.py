@@ -99,7 +99,17 @@ def _functions(
     computed = ca.vertcat(model.derivatives, others)
 
     seeds = [ca.SX.sym(f"seed_{k}", v.shape[0]) for k, v in zip("xup", at[1:4], strict=True)]
-    change = ca.jtimes(computed, ca.vertcat(*at[1:4]), ca.vertcat(*seeds))
+    seed_names = ("seed_states", "seed_inputs", "seed_parameters")
+
+    def along_seeds(expression: SX) -> SX:
+        return ca.jtimes(expression, ca.vertcat(*at[1:4]), ca.vertcat(*seeds))
+
+    start_seed = ca.SX.sym("start_seed", layout.settable_starts.shape[0])
+    start_change = ca.jtimes(
+        layout.computed_starts,
+        ca.vertcat(model.p, layout.settable_starts),
+        ca.vertcat(seeds[2], start_seed),
+    )
 
     operands = _column([model.fold(delay.operand) for delay in model.dae.delays])
     durations = _column([model.fold(delay.duration) for delay in model.dae.delays])
@@ -121,12 +131,24 @@ def _functions(
         of_situation("actions", {"after": events.after}, fired=events.fired),
         of_situation("initial", {"residual": initial.residual, "jacobian": initial.jacobian}),
         of_situation("delays", {"operands": operands, "slopes": slopes}, rates=input_slopes),
-        of_situation(
-            "directional",
-            {"change": change},
-            seed_states=seeds[0],
-            seed_inputs=seeds[1],
-            seed_parameters=seeds[2],
+        *(
+            of_situation(
+                name,
+                {"change": along_seeds(expression)},
+                **dict(zip(seed_names, seeds, strict=True)),
+            )
+            for name, expression in (
+                ("directional", computed),
+                ("indicators_directional", events.indicators),
+                ("initial_directional", initial.residual),
+            )
+        ),
+        ca.Function(
+            "model_start_directional",
+            [model.p, layout.settable_starts, seeds[2], start_seed],
+            [ca.densify(start_change)],
+            ["parameters", "set", "seed_parameters", "seed_set"],
+            ["change"],
         ),
         ca.Function(
             "model_start",

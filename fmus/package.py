@@ -38,6 +38,8 @@ _CORE = (
     "dormand_prince.c",
     "rosenbrock.c",
     "location.c",
+    "derivatives.c",
+    "access.c",
 )
 _FMI2 = ("fmi2.c",)
 # The standard's own header files (BSD licence), as FMPy carries them.

@@ -4,6 +4,7 @@
 
 #include <stdarg.h>
 #include <stdio.h>
+#include <stdlib.h>
 
 static bool fail(Instance *m, const char *format, ...)
 {
@@ -156,16 +157,8 @@ static bool instance_compute(Instance *m)
     return true;
 }
 
-/* Change of all computed values along `seed`, which is indexed like the values before them.
- * Relations and what comes out of delays are held. */
-static void directional_derivative(Instance *m, const double *seed, double *change)
-{
-    const Point at = point_now(m);
-    if (N_STATES + N_OTHERS > 0)
-        CALL(model_directional, change, AT(m, &at), seed + STATES, seed + INPUTS,
-             seed + PARAMETERS);
-}
-
 #include "history.c"
 #include "events.c"
 #include "solver.c"
+#include "derivatives.c"
+#include "access.c"

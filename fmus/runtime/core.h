@@ -89,6 +89,7 @@ typedef struct {
 typedef struct {
     State now;
     char message[256]; /* what went wrong last */
+    double indicators[ROOM(N_RELATIONS)]; /* as last asked for by their value references */
     bool pauses_at_events; /* the importer wants to take part in each */
     bool is_paused;        /* at one */
 } Instance;
@@ -101,7 +102,6 @@ static bool instance_initialise(Instance *m);
 static void instance_changed(Instance *m);
 static bool instance_compute(Instance *m);
 static bool is_settable(const Instance *m, size_t value_reference);
-static void directional_derivative(Instance *m, const double *seed, double *change);
 static bool fail(Instance *m, const char *format, ...);
 
 /* What the generated functions depend on. `x` may be a trial of the integrator. */

@@ -1,7 +1,5 @@
 /* FMI 2.0, Co-Simulation and Model Exchange, over the core. */
 
-#include <stdlib.h>
-
 #include "core.c"
 #include "fmi2Functions.h"
 
@@ -89,11 +87,7 @@ fmi2Status fmi2SetupExperiment(fmi2Component component, fmi2Boolean tolerance_de
                                fmi2Real stop)
 {
     (void)stop_defined, (void)stop;
-    Component *c = component;
-    if (tolerance_defined && tolerance > 0)
-        c->model.now.tolerance = fmin(fmax(tolerance, 1e-13), 1e-2);
-    c->model.now.values[TIME] = start;
-    instance_changed(&c->model);
+    begin(&((Component *)component)->model, start, tolerance_defined, tolerance);
     return fmi2OK;
 }
 
@@ -126,40 +120,15 @@ fmi2Status fmi2Reset(fmi2Component component)
 
 /* Values; Integer and Boolean parameters are kept as Real */
 
-static bool get(Component *c, const fmi2ValueReference vr[], size_t n)
-{
-    bool started = false, computed = false;
-    for (size_t i = 0; i < n; i++) {
-        if (vr[i] >= N_VALUES)
-            return fail(&c->model, "there is no value reference %u", vr[i]);
-        started = started || vr[i] >= STATES; /* may be computed from parameters at the start */
-        computed = computed || vr[i] >= DERIVATIVES;
-    }
-    if (computed)
-        return instance_compute(&c->model);
-    if (started && c->model.now.phase <= INITIALISING)
-        return instance_initialise(&c->model);
-    return true;
-}
-
-static bool set(Component *c, fmi2ValueReference vr, double value)
-{
-    if (!is_settable(&c->model, vr))
-        return fail(&c->model, "the value with reference %u cannot be set now", vr);
-    c->model.now.values[vr] = value;
-    instance_changed(&c->model);
-    return true;
-}
-
 #define GETTER(Type)                                                                               \
     fmi2Status fmi2Get##Type(fmi2Component component, const fmi2ValueReference vr[], size_t n,     \
                              fmi2##Type value[])                                                   \
     {                                                                                              \
         Component *c = component;                                                                  \
-        if (!get(c, vr, n))                                                                        \
+        if (!update_values(&c->model, vr, n))                                                                        \
             return report(c);                                                                      \
         for (size_t i = 0; i < n; i++)                                                             \
-            value[i] = (fmi2##Type)c->model.now.values[vr[i]];                                     \
+            value[i] = (fmi2##Type)read_value(&c->model, vr[i]);                                       \
         return fmi2OK;                                                                             \
     }
 
@@ -169,7 +138,7 @@ static bool set(Component *c, fmi2ValueReference vr, double value)
     {                                                                                              \
         Component *c = component;                                                                  \
         for (size_t i = 0; i < n; i++)                                                             \
-            if (!set(c, vr[i], (double)value[i]))                                                  \
+            if (!write_value(&c->model, vr[i], (double)value[i]))                                  \
                 return report(c);                                                                  \
         return fmi2OK;                                                                             \
     }
@@ -200,21 +169,14 @@ fmi2Status fmi2SetString(fmi2Component component, const fmi2ValueReference vr[],
 fmi2Status fmi2GetFMUstate(fmi2Component component, fmi2FMUstate *state)
 {
     Component *c = component;
-    if (*state == NULL)
-        *state = malloc(sizeof(State));
-    if (*state == NULL)
-        return refuse(c, "no memory for the state");
-    memcpy(*state, &c->model.now, sizeof(State));
-    return fmi2OK;
+    return status_of(c, copy_state(&c->model, &c->model.now, state));
 }
 
 fmi2Status fmi2SetFMUstate(fmi2Component component, fmi2FMUstate state)
 {
     Component *c = component;
-    if (state == NULL)
-        return refuse(c, "there is no state to set");
-    memcpy(&c->model.now, state, sizeof(State));
-    return fmi2OK;
+    void *now = &c->model.now;
+    return status_of(c, copy_state(&c->model, state, &now));
 }
 
 fmi2Status fmi2FreeFMUstate(fmi2Component component, fmi2FMUstate *state)
@@ -235,23 +197,20 @@ fmi2Status fmi2SerializedFMUstateSize(fmi2Component component, fmi2FMUstate stat
 fmi2Status fmi2SerializeFMUstate(fmi2Component component, fmi2FMUstate state, fmi2Byte bytes[],
                                  size_t size)
 {
+    Component *c = component;
+    void *to = bytes;
     if (size < sizeof(State))
-        return refuse(component, "too few bytes for the state");
-    memcpy(bytes, state, sizeof(State));
-    return fmi2OK;
+        return refuse(c, "too few bytes for the state");
+    return status_of(c, copy_state(&c->model, state, &to));
 }
 
 fmi2Status fmi2DeSerializeFMUstate(fmi2Component component, const fmi2Byte bytes[], size_t size,
                                    fmi2FMUstate *state)
 {
+    Component *c = component;
     if (size != sizeof(State))
-        return refuse(component, "the bytes are not a state of this FMU");
-    if (*state == NULL)
-        *state = malloc(sizeof(State));
-    if (*state == NULL)
-        return refuse(component, "no memory for the state");
-    memcpy(*state, bytes, sizeof(State));
-    return fmi2OK;
+        return refuse(c, "the bytes are not a state of this FMU");
+    return status_of(c, copy_state(&c->model, bytes, state));
 }
 
 fmi2Status fmi2GetDirectionalDerivative(fmi2Component component, const fmi2ValueReference unknown[],
@@ -260,44 +219,27 @@ fmi2Status fmi2GetDirectionalDerivative(fmi2Component component, const fmi2Value
                                         fmi2Real change_unknown[])
 {
     Component *c = component;
-    double seed[N_VALUES] = {0}, *change = seed + DERIVATIVES;
-    for (size_t i = 0; i < n_known; i++) {
-        if (known[i] < PARAMETERS || known[i] >= DISCRETES)
-            return refuse(c, "derivatives exist by parameters, inputs and continuous states");
-        seed[known[i]] = seed_known[i];
-    }
-    if (c->model.now.phase <= INITIALISING && !instance_initialise(&c->model))
-        return report(c);
-    directional_derivative(&c->model, seed, change);
-    for (size_t i = 0; i < n_unknown; i++) {
-        if (unknown[i] >= N_VALUES)
-            return refuse(c, "there is no such value reference");
-        change_unknown[i] = seed[unknown[i]];
-    }
-    return fmi2OK;
+    return status_of(c, directional_derivative(&c->model, unknown, n_unknown, known, n_known,
+                                               seed_known, change_unknown));
 }
 
 /* Model Exchange */
 
 fmi2Status fmi2EnterEventMode(fmi2Component component)
 {
-    Component *c = component;
-    history_record(&c->model); /* as it is just before the event */
-    c->model.now.phase = EVENTS;
+    enter_event_mode(&((Component *)component)->model);
     return fmi2OK;
 }
 
 fmi2Status fmi2NewDiscreteStates(fmi2Component component, fmi2EventInfo *info)
 {
     Component *c = component;
-    double before[ROOM(N_STATES)];
-    memcpy(before, c->model.now.values + STATES, N_STATES * sizeof(double));
-    if (!events_update(&c->model))
+    bool states_changed;
+    double next;
+    if (!update_discrete_states(&c->model, &states_changed, &next))
         return report(c);
-    const double next = history_next_jump(&c->model);
     *info = (fmi2EventInfo){
-        .valuesOfContinuousStatesChanged =
-            memcmp(before, c->model.now.values + STATES, N_STATES * sizeof(double)) != 0,
+        .valuesOfContinuousStatesChanged = states_changed,
         .nextEventTimeDefined = next < DBL_MAX,
         .nextEventTime = next,
     };
@@ -330,47 +272,31 @@ fmi2Status fmi2SetTime(fmi2Component component, fmi2Real time)
 fmi2Status fmi2SetContinuousStates(fmi2Component component, const fmi2Real x[], size_t n)
 {
     Component *c = component;
-    if (n != N_STATES)
-        return refuse(c, "the number of continuous states is another");
-    memcpy(c->model.now.values + STATES, x, N_STATES * sizeof(double));
-    c->model.now.computed = false;
-    return fmi2OK;
+    return status_of(c, set_states(&c->model, x, n));
 }
 
 fmi2Status fmi2GetContinuousStates(fmi2Component component, fmi2Real x[], size_t n)
 {
     Component *c = component;
-    if (n != N_STATES)
-        return refuse(c, "the number of continuous states is another");
-    memcpy(x, c->model.now.values + STATES, N_STATES * sizeof(double));
-    return fmi2OK;
+    return status_of(c, get_states(&c->model, x, n));
 }
 
 fmi2Status fmi2GetDerivatives(fmi2Component component, fmi2Real derivatives[], size_t n)
 {
     Component *c = component;
-    if (n != N_STATES)
-        return refuse(c, "the number of continuous states is another");
-    evaluate_derivatives(&c->model, c->model.now.values[TIME], c->model.now.values + STATES,
-                         derivatives);
-    return fmi2OK;
+    return status_of(c, get_derivatives(&c->model, derivatives, n));
 }
 
 fmi2Status fmi2GetEventIndicators(fmi2Component component, fmi2Real indicators[], size_t n)
 {
     Component *c = component;
-    if (n != N_RELATIONS)
-        return refuse(c, "the number of event indicators is another");
-    event_indicators(&c->model, indicators);
-    return fmi2OK;
+    return status_of(c, get_indicators(&c->model, indicators, n));
 }
 
 fmi2Status fmi2GetNominalsOfContinuousStates(fmi2Component component, fmi2Real nominals[], size_t n)
 {
-    if (n != N_STATES)
-        return refuse(component, "the number of continuous states is another");
-    memcpy(nominals, model_nominals, N_STATES * sizeof(double));
-    return fmi2OK;
+    Component *c = component;
+    return status_of(c, get_nominals(&c->model, nominals, n));
 }
 
 /* Co-Simulation */
@@ -380,16 +306,7 @@ fmi2Status fmi2DoStep(fmi2Component component, fmi2Real time, fmi2Real step,
 {
     (void)no_set_state;
     Component *c = component;
-    Instance *m = &c->model;
-    if (m->now.phase != CONTINUOUS)
-        return refuse(c, "a step before the end of initialization");
-    if (fabs(time - m->now.values[TIME]) > 1e-6 * fmax(step, fabs(time))) {
-        fail(m, "a step from time %.9g, but the model is at %.9g", time, m->now.values[TIME]);
-        return report(c);
-    }
-    const bool succeeded = solver_advance(m, time + step);
-    memset(m->now.slopes, 0, sizeof m->now.slopes);
-    return status_of(c, succeeded);
+    return status_of(c, do_step(&c->model, time, step));
 }
 
 fmi2Status fmi2CancelStep(fmi2Component component)
