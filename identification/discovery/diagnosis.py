@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 
 import numpy as np
@@ -11,6 +11,7 @@ import numpy as np
 from identification.discovery.crossvalidation import Verdict, crossvalidate
 from identification.discovery.evidence import Refit, refit_all
 from identification.discovery.extension import ExtendedModel
+from identification.discovery.innovation_scan import Opinion, adopt, second_opinion
 from identification.discovery.scan import Scored, scan
 from identification.experiment import Experiment
 from identification.gauss_newton import Fit
@@ -72,6 +73,8 @@ class Diagnosis:
         checks: Label → its cross-validation.
         skipped: Label → why a candidate could not be tested.
         next_experiment: What to record to get further; empty if nothing is open.
+        opinion: What the innovations say, where output error found nothing to add; None if it was
+            not asked, or the sensors' noise is not known.
     """
 
     outcome: Outcome
@@ -81,10 +84,23 @@ class Diagnosis:
     checks: Mapping[str, Verdict]
     skipped: Mapping[str, str]
     next_experiment: str
+    opinion: Opinion | None = None
+
+    @property
+    def disturbance(self) -> str:
+        """What an unknown disturbance at the inputs does, in words; empty if there is none."""
+        if self.opinion is None:
+            return ""
+        return self.opinion.disturbance
 
 
 def diagnose(
-    model: ExtendedModel, experiment: Experiment, fit: Fit, *, progress: Progress = lambda _: None
+    model: ExtendedModel,
+    experiment: Experiment,
+    fit: Fit,
+    *,
+    disturbed: bool = False,
+    progress: Progress = lambda _: None,
 ) -> Diagnosis:
     """Find the effect that best explains what a fitted model leaves over.
 
@@ -92,8 +108,49 @@ def diagnose(
         model: The present model.
         experiment: That model on the record.
         fit: Its fit over `WINDOW`-second windows.
+        disturbed: An unknown disturbance was found before: ask the innovations only.
         progress: Told what is being done.
     """
+    if disturbed:
+        return _with_disturbance(model, experiment, fit, None, progress)
+    found = _by_output_error(model, experiment, fit, progress)
+    noise_known = not np.any(np.isnan(experiment.problem.noise_sd))
+    if found.outcome is Outcome.UNKNOWN_SHAPE and noise_known:
+        return _with_disturbance(model, experiment, fit, found, progress)
+    return found
+
+
+def _with_disturbance(
+    model: ExtendedModel,
+    experiment: Experiment,
+    fit: Fit,
+    found: Diagnosis | None,
+    progress: Progress,
+) -> Diagnosis:
+    """Diagnose by the innovations, beside an unknown disturbance at every input."""
+    progress("asking again, with an unknown disturbance at the inputs")
+    opinion = second_opinion(model, experiment.problem, fit.values)
+    if found is None:
+        found = Diagnosis(Outcome.UNKNOWN_SHAPE, (), (), None, {}, {}, "")
+    if opinion.best is None:
+        outcome = Outcome.COMPLETE if opinion.white else Outcome.UNKNOWN_SHAPE
+        return replace(found, outcome=outcome, opinion=opinion)
+    refit, verdict = adopt(opinion.best, model, experiment, opinion.base, fit)
+    label = refit.addition.label
+    ranking = (_row(refit), *(row for row in found.ranking if row.label != label))
+    return replace(
+        found,
+        outcome=Outcome.EFFECT,
+        ranking=ranking,
+        chosen=refit,
+        checks={**found.checks, label: verdict},
+        opinion=opinion,
+    )
+
+
+def _by_output_error(
+    model: ExtendedModel, experiment: Experiment, fit: Fit, progress: Progress
+) -> Diagnosis:
     progress("scoring every effect at every place")
     scanned = scan(model, experiment, fit)
     shortlist = [s for s in scanned.scored[:SHORTLIST] if s.gain > 0]

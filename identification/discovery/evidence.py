@@ -9,7 +9,7 @@ from functools import partial
 
 import numpy as np
 
-from foundation.errors import TwinproofError
+from foundation.errors import DivergenceError, TwinproofError
 from identification.discovery.extension import Addition, ExtendedModel, extend
 from identification.discovery.scan import Scored
 from identification.discovery.transfer import transfer_problem, transfer_states
@@ -43,6 +43,8 @@ class Refit:
         merit: What candidates are ranked by: the evidence less half the logarithm of the number of
             independent samples for each fitted parameter (Bayesian information criterion).
         at_bound: Shape parameters that ended at a bound of their declared range.
+        gain: (ny,) logarithm of the fall of each channel's error.
+        independent: (ny,) independent samples in what it leaves over.
     """
 
     addition: Addition
@@ -53,6 +55,8 @@ class Refit:
     explains: float
     merit: float
     at_bound: tuple[str, ...]
+    gain: Vector
+    independent: Vector
 
 
 def refit_all(
@@ -70,7 +74,27 @@ def refit_all(
     failed = {
         s.addition.label: r for s, r in zip(shortlist, results, strict=True) if isinstance(r, str)
     }
-    return tuple(sorted(good, key=lambda r: -r.merit)), failed
+    return tuple(sorted(_by_one_measure(good), key=lambda r: -r.merit)), failed
+
+
+def _by_one_measure(refits: Sequence[Refit]) -> list[Refit]:
+    """Count every candidate's evidence with the same number of independent samples.
+
+    That of the candidate which explains most: the less it leaves over, the whiter that is. With a
+    number of its own, a candidate that leaves memory behind would rank by that memory rather than
+    by what it explains.
+    """
+    if not refits:
+        return []
+    reference = max(refits, key=lambda r: float(np.sum(r.gain))).independent
+    return [_measured(r, reference) for r in refits]
+
+
+def _measured(refit: Refit, independent: Vector) -> Refit:
+    evidence = float(np.sum(independent * refit.gain))
+    price = 0.5 * len(refit.addition.values) * float(np.log(np.max(independent)))
+    merit = (evidence - price) * (_UNFOUND_SHAPE if refit.at_bound else 1.0)
+    return replace(refit, evidence=evidence, merit=merit)
 
 
 def _refit_or_reason(
@@ -111,7 +135,7 @@ def refit(model: ExtendedModel, experiment: Experiment, base: Fit, scored: Score
     )
     fits = [_fit_from(larger, x0, start) for start in starts]
     best = min(fits, key=lambda f: f.at.cost)
-    if log_evidence(base, best)[0] < 0:
+    if float(np.sum(log_gain(base, best)[0])) < 0:
         # The predicted step overshot (an absent effect would have done better): come from nearer.
         smaller = [{k: 0.1 * v for k, v in start.items()} for start in starts]
         best = min((_fit_from(larger, x0, start) for start in smaller), key=lambda f: f.at.cost)
@@ -123,19 +147,23 @@ def refit(model: ExtendedModel, experiment: Experiment, base: Fit, scored: Score
     at_bound = tuple(
         p for p in effect.shape_parameters if _at_bound(bigger, addition, p, fitted[p])
     )
-    evidence, explains = log_evidence(base, best)
-    price = 0.5 * len(fitted) * float(np.log(np.max(independent_samples(best.at.residuals))))
-    merit = (evidence - price) * (_UNFOUND_SHAPE if at_bound else 1.0)
-    return Refit(
-        replace(addition, values=fitted),
-        bigger,
-        larger,
-        best,
-        evidence,
-        explains,
-        merit,
-        at_bound,
+    if not np.isfinite(best.at.cost):
+        raise DivergenceError(f"{bigger.name} leaves the finite numbers from every start")
+    gain, explains = log_gain(base, best)
+    independent = independent_samples(best.at.residuals)
+    found = Refit(
+        addition=replace(addition, values=fitted),
+        model=bigger,
+        experiment=larger,
+        fit=best,
+        evidence=0.0,
+        explains=explains,
+        merit=0.0,
+        at_bound=at_bound,
+        gain=gain,
+        independent=independent,
     )
+    return _measured(found, independent)
 
 
 def _at_bound(model: ExtendedModel, addition: Addition, parameter: str, value: float) -> bool:
@@ -150,22 +178,20 @@ def _fit_from(larger: Experiment, x0: Matrix, start: dict[str, float]) -> Fit:
     return fit(larger.problem, larger.shooting, larger.windows, x0, values)
 
 
-def log_evidence(base: Fit, better: Fit) -> tuple[float, float]:
-    """Return ΔlogL [nats] of one fit over another, and the share of squared residual removed.
+def log_gain(base: Fit, better: Fit) -> tuple[Vector, float]:
+    """Return (ny,) the logarithm of each channel's fall of error, and the squared share removed.
 
-    Each channel counts as many samples as are independent in the better fit's residuals.
+    The gain times the number of independent samples is a difference of log-likelihoods [nats].
     """
     if not (np.isfinite(better.at.cost) and np.isfinite(base.at.cost)):
-        return -np.inf, 0.0
+        return np.full(len(base.sd), -np.inf), 0.0
     # Without noise the misfit of the true model is rounding, whose logarithm means nothing.
     smallest = _ROUNDING * base.sd
     before = np.log(np.fmax(base.at.rms, smallest))
     after = np.log(np.fmax(better.at.rms, smallest))
-    count = independent_samples(better.at.residuals)
-    evidence = float(np.sum(count * (before - after)))
     # Weighted as in the base fit, where every channel's misfit has unit size.
     removed = 1.0 - float(np.mean(np.exp(2 * (after - before))))
-    return evidence, removed
+    return before - after, removed
 
 
 def independent_samples(residuals: Sequence[Matrix]) -> Vector:

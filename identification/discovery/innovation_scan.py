@@ -15,11 +15,17 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import stats
 
+from identification.discovery.crossvalidation import Verdict
+from identification.discovery.evidence import Refit
 from identification.discovery.extension import Addition, ExtendedModel, extend
 from identification.discovery.scan import candidates
 from identification.discovery.transfer import flat_name, transfer_problem
 from identification.estimators.kalman import most_likely
+from identification.experiment import Experiment
+from identification.gauss_newton import Fit
+from identification.gauss_newton import fit as fit_windows
 from identification.innovations import disturbed_values, with_input_disturbances
 from identification.likelihood import Likelihood, Maximum, expand, maximise
 from identification.problem import Problem, Vector
@@ -69,12 +75,24 @@ class Opinion:
         ranking: (label, predicted ΔlogL) of every candidate, best first.
         best: The best candidate, if it is worth having.
         white: The base's innovations are as large as predicted: model and disturbance explain all.
+        inputs: Name and unit of every input.
     """
 
     base: Maximum
     ranking: tuple[tuple[str, float], ...]
     best: Second | None
     white: bool
+    inputs: tuple[tuple[str, str], ...]
+
+    @property
+    def disturbance(self) -> str:
+        """The disturbances found, in words; empty if there are none."""
+        final = self.base if self.best is None else self.best.maximum
+        return ", ".join(
+            f"{d.sd:.2g} {unit} rms, {d.rate:.2g} 1/s wide, at {name}"
+            for (name, unit), d in zip(self.inputs, final.disturbances, strict=True)
+            if d.sd > 0
+        )
 
 
 def second_opinion(model: ExtendedModel, problem: Problem, values: Mapping[str, float]) -> Opinion:
@@ -102,7 +120,8 @@ def second_opinion(model: ExtendedModel, problem: Problem, values: Mapping[str, 
         best = replace(best, unseen=_unseen(model, problem, base, best))
         if not best.accepted:
             best = None
-    return Opinion(base, ranking, best, white)
+    inputs = tuple((v.name, v.unit) for v in problem.dae.inputs)
+    return Opinion(base, ranking, best, white, inputs)
 
 
 def _scan(
@@ -227,3 +246,51 @@ def _left_out(likelihood: Likelihood, at: Maximum, part: slice) -> float:
     run = likelihood.run(fitted.values, fitted.disturbances)
     terms = run.innovations[part] ** 2 / run.variances[part] + np.log(run.variances[part])
     return float(-0.5 * np.sum(terms))
+
+
+def adopt(
+    second: Second, model: ExtendedModel, experiment: Experiment, base: Maximum, fit: Fit
+) -> tuple[Refit, Verdict]:
+    """Return an accepted candidate in the form in which output error's are handed on.
+
+    Its parameters and their covariance are those of the likelihood; only the windows' initial
+    states are fitted.
+
+    Args:
+        second: The accepted candidate.
+        model, experiment, fit: Of the model without it.
+        base: That model's maximum.
+    """
+    mine = {k: v for k, v in base.values.items() if k in experiment.problem.values}
+    problem = transfer_problem(experiment.problem, second.model, mine, model)
+    values = {name: second.maximum.values[name] for name in problem.values}
+    problem = problem.with_values(values)
+    larger = Experiment.of(problem)
+    windows = experiment.windows
+    at = fit_windows(
+        problem, larger.shooting, windows, larger.guess(windows), values, free=(), fixed_sd=fit.sd
+    )
+    at = replace(at, free=second.maximum.free, covariance=second.maximum.covariance)
+    before = np.mean(base.innovations.innovations**2, axis=0)
+    after = np.mean(second.maximum.innovations.innovations**2, axis=0)
+    removed = 1.0 - float(np.mean(after / before))
+    blocks = second.unseen
+    t = float(np.mean(blocks) / (np.std(blocks, ddof=1) / np.sqrt(len(blocks))))
+    refit = Refit(
+        addition=second.addition,
+        model=second.model,
+        experiment=larger,
+        fit=at,
+        evidence=second.evidence,
+        explains=removed,
+        merit=second.evidence,
+        at_bound=(),
+        gain=0.5 * np.log(before / after),
+        independent=np.full(len(before), float(len(experiment.problem.time))),
+    )
+    reason = (
+        f"beside an unknown disturbance at the inputs it gains {second.evidence:.0f} nats, and "
+        f"{np.mean(blocks):.0f} on average on a block left out of the fit"
+    )
+    chance = float(stats.t.sf(t, len(blocks) - 1))
+    return refit, Verdict(True, chance, removed, np.sqrt(before), np.sqrt(after), reason)

@@ -118,8 +118,10 @@ def improve(
     rungs: list[_Rung] = []
     added: Addition | None = None
     verdict: Verdict | None = None
+    disturbed = False
     while True:
-        diagnosis = diagnose(model, experiment, fit, progress=progress)
+        diagnosis = diagnose(model, experiment, fit, disturbed=disturbed, progress=progress)
+        disturbed = disturbed or bool(diagnosis.disturbance and diagnosis.chosen)
         rungs.append(_Rung(model, experiment, fit, added, verdict, diagnosis))
         if diagnosis.chosen is None or len(model.additions) >= max_effects:
             break
