@@ -118,6 +118,7 @@ def diagnosis(value: Diagnosis) -> Document:
         ],
         "ties": [list(tie) for tie in value.ties],
         "next_experiment": value.next_experiment,
+        "disturbance": value.disturbance,
         "checks": {
             label: {"accepted": v.accepted, "p": v.chance, "removed": v.removed, "reason": v.reason}
             for label, v in value.checks.items()
@@ -198,6 +199,7 @@ def improved(result: Improved, files: Mapping[int, tuple[str, str]]) -> Document
             "sensor_noise": dict(found.sensor_noise),
             "ties": [list(t) for step in found.steps for t in step.diagnosis.ties],
             "next_experiment": found.steps[-1].diagnosis.next_experiment,
+            "disturbance": found.steps[-1].diagnosis.disturbance,
             "horizon": horizon_word(found.horizon),
             "notes": list(result.problem.notes),
         },

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from foundation.files import write_text
-from identification.discovery.diagnosis import Outcome
+from identification.discovery.diagnosis import Diagnosis, Outcome
 from identification.discovery.extension import text_diff
 from identification.estimators import ESTIMATORS
 from recordings import Recording
@@ -124,6 +124,7 @@ def diagnose(request: Request, report_dir: Path | None) -> None:
     found = result.diagnosis
     output.console.print(tables.ranking(found))
     output.console.print(f"[bold]{found.outcome.value}[/bold]: {SAID[found.outcome]}")
+    _print_disturbance(output, found)
     for tie in found.ties:
         output.console.print("not told apart: " + ", ".join(tie))
     if found.next_experiment:
@@ -226,6 +227,11 @@ def improve(
     )
 
 
+def _print_disturbance(output: Output, diagnosis: Diagnosis) -> None:
+    if diagnosis.disturbance:
+        output.console.print(f"beside an unknown disturbance: {diagnosis.disturbance}")
+
+
 def run_improvement(
     request: Request,
     unseen: Recording,
@@ -253,5 +259,6 @@ def run_improvement(
     if not found.added:
         output.console.print("nothing was added")
     output.console.print(f"[bold]{found.outcome.value}[/bold]: {SAID[found.outcome]}")
+    _print_disturbance(output, found.steps[-1].diagnosis)
     output.console.print(f"report: {folder / 'report.html'}", soft_wrap=True)
     output.document(documents.improved(result, files))
