@@ -72,7 +72,7 @@ static bool is_resolved(const Look looks[5], int relation)
 }
 
 /* Halving a step so many times, it is hardly likely that anything has been overlooked. */
-enum { MOST_HALVINGS = 6 };
+enum { FINEST_HALVING = 6 };
 
 /* Find two fractions of a step, before and after a relation has switched first. */
 static bool bracket(Instance *m, const Step *step, const Look *from, const Look *to, int halvings,
@@ -115,7 +115,7 @@ static double locate_event(Instance *m, const Step *step)
     const double width = 4 * DBL_EPSILON * fmax(fabs(time), step->size) / step->size;
     const Look from = look_at(m, step, 0), to = look_at(m, step, 1);
     double before, after;
-    if (!bracket(m, step, &from, &to, MOST_HALVINGS, &before, &after))
+    if (!bracket(m, step, &from, &to, FINEST_HALVING, &before, &after))
         return 1;
     while (after - before > width) {
         const double middle = (before + after) / 2;
