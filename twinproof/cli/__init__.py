@@ -15,6 +15,7 @@ from twinproof.cli.data import data
 from twinproof.cli.demo import demo
 from twinproof.cli.journey import compare, diagnose, extend, identify, improve
 from twinproof.cli.models import check, effects, export, places, simulate
+from twinproof.cli.poles import place_poles
 
 
 class _Group(click.Group):
@@ -59,6 +60,7 @@ for _command in (
     diagnose,
     extend,
     improve,
+    place_poles,
     data,
     demo,
 ):
