@@ -9,15 +9,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from fmus.dae import Alias, ConstantValue, Dae, Reinit, Role, Variable, WhenEquation
+from fmus.dae import Alias, ConstantValue, Dae, Role, Variable
 from fmus.expressions import (
-    Delayed,
     Derivative,
     Expression,
     Literal,
     Operation,
     Previous,
-    Relation,
     Symbol,
     linear_form,
     substitute,
@@ -159,35 +157,15 @@ def _replace_all(dae: Dae, new: Mapping[str, tuple[Expression, Expression]], rem
     def go(expression: Expression) -> Expression:
         return substitute(expression, swap, memo)
 
-    relations: list[Relation] = []
-    for relation in dae.relations:
-        changed = go(relation)
-        assert isinstance(changed, Relation)
-        relations.append(changed)
-    delays: list[Delayed] = []
-    for delay in dae.delays:
-        changed = go(delay)
-        assert isinstance(changed, Delayed)
-        delays.append(changed)
-    return replace(
+    dae = replace(
         dae,
         variables={name: v for name, v in dae.variables.items() if name != removed},
-        residuals=tuple(go(r) for r in dae.residuals),
-        initial_residuals=tuple(go(r) for r in dae.initial_residuals),
-        relations=tuple(relations),
-        delays=tuple(delays),
         reinits=tuple(
-            Reinit(
-                r.state if r.state != removed else _target(new[removed][0]),
-                go(r.value),
-                go(r.trigger),
-            )
+            replace(r, state=_target(new[removed][0])) if r.state == removed else r
             for r in dae.reinits
         ),
-        when_equations=tuple(
-            WhenEquation(go(w.residual), go(w.trigger)) for w in dae.when_equations
-        ),
     )
+    return dae.mapped(go)
 
 
 def _target(expression: Expression) -> str:

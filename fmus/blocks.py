@@ -3,26 +3,52 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import casadi as ca
 
 from fmus.casadi_expressions import SX
 from foundation.errors import UnsupportedModelError
 
+LARGEST_SYMBOLIC = 8
+"""Linear blocks beyond this size grow too long as formulas."""
 
-def solve_blocks(residuals: Sequence[SX], unknowns: Sequence[SX], *, where: str) -> list[SX]:
+
+@dataclass(frozen=True)
+class Loop:
+    """A block that is left to Newton's method.
+
+    Attributes:
+        unknowns: Indices into the unknowns of the whole system.
+        residual: Column of as many expressions, in terms of these unknowns and of those of
+            earlier loops.
+    """
+
+    unknowns: tuple[int, ...]
+    residual: SX
+
+
+def solve_blocks(
+    residuals: Sequence[SX],
+    unknowns: Sequence[SX],
+    *,
+    where: str,
+    loops: list[Loop] | None = None,
+) -> list[SX]:
     """Solve 0 = residuals(unknowns) symbolically, block by block of the incidence matrix.
 
     Args:
         residuals: Scalar expressions, one for each unknown.
         unknowns: Scalar symbols.
         where: The model, for messages.
+        loops: Takes up the blocks that are nonlinear or large; None to refuse them.
 
     Returns:
-        One expression for each unknown, free of all unknowns.
+        One expression for each unknown, free of all unknowns but those of `loops`.
 
     Raises:
-        UnsupportedModelError: The equations are structurally singular, or a block is nonlinear.
+        UnsupportedModelError: The equations are structurally singular, or a block is nonlinear
+            and `loops` is None.
     """
     if len(residuals) != len(unknowns):
         raise UnsupportedModelError(
@@ -58,10 +84,16 @@ def solve_blocks(residuals: Sequence[SX], unknowns: Sequence[SX], *, where: str)
         if solved:
             equations = ca.substitute(equations, ca.vertcat(*solved), ca.vertcat(*solutions))
         matrix = ca.jacobian(equations, y)
-        if ca.depends_on(matrix, y):
+        is_linear = not ca.depends_on(matrix, y)
+        if loops is not None and (not is_linear or len(block_columns) > LARGEST_SYMBOLIC):
+            loops.append(Loop(tuple(block_columns), equations))
+            value |= {j: unknowns[j] for j in block_columns}
+            continue
+        if not is_linear:
             named = ", ".join(unknowns[j].name() for j in block_columns)
             raise UnsupportedModelError(
-                f"{where}: the equations for {named} are nonlinear in them",
+                f"{where}: the equations for {named} are nonlinear in them, which is solved in "
+                "FMUs only",
                 remedy="solve them for these variables in the model",
             )
         constant = ca.substitute(equations, y, ca.SX.zeros(*y.shape))

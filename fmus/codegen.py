@@ -59,6 +59,10 @@ def _sizes(
         "TRIGGERS": events.triggers.shape[0],
         "DELAYS": len(model.dae.delays),
         "INITIAL": len(initial.states),
+        "LOOPS": len(model.loop_names),
+        "LOOP_BLOCKS": len(model.loop_sizes),
+        "DISCRETE_EQUATIONS": len(model.dae.discrete_equations),
+        "ASSERTIONS": len(model.dae.assertions),
     }
     return [
         f'#define MODEL_GUID "{GUID_MARK}"',
@@ -80,9 +84,49 @@ def _tables(
         _table("char *const", "state_names", (f'"{name}"' for name in model.state_names)),
         "/* Relations that are false where their indicator is zero. */",
         _table("unsigned char", "is_strict", (str(int(s)) for s in events.strict)),
+        "/* Relations that stand for sample(), whose first instant is after initialisation. */",
+        _table(
+            "unsigned char",
+            "is_clock",
+            (str(int(i in dae.clock_relations)) for i in range(len(dae.relations))),
+        ),
+        "/* When-conditions that are initial(), and messages of those that terminate. */",
+        _table("unsigned char", "at_start", (str(int(a)) for a in events.at_start)),
+        _table("char *const", "terminates", map(_c_string, events.terminates)),
+        _table("char *const", "assertion_messages", (_c_string(a.message) for a in dae.assertions)),
+        "/* Unknowns of nonlinear blocks. */",
+        _table("int", "loop_sizes", map(str, model.loop_sizes)),
+        _table("char *const", "loop_names", (f'"{name}"' for name in model.loop_names)),
+        _table("double", "loop_starts", (repr(s) for s, _ in _guesses(model))),
+        _table("double", "loop_nominals", (repr(n) for _, n in _guesses(model))),
         "/* States that the initial equations determine. */",
         _table("int", "initial_states", map(str, initial.states)),
     ]
+
+
+def _guesses(model: ExplicitModel) -> list[tuple[float, float]]:
+    """Start and nominal value of each unknown of a nonlinear block."""
+    dae = model.dae
+    found: list[tuple[float, float]] = []
+    for name in model.loop_names:
+        variable = dae.variables.get(name)
+        start = dae.number(variable.start, 0.0) if variable is not None else 0.0
+        nominal = abs(dae.number(variable.nominal, 1.0)) if variable is not None else 1.0
+        found.append((start, nominal or 1.0))
+    return found
+
+
+def _c_string(text: str) -> str:
+    """Return text as a C string literal, other than ASCII as octal escapes of UTF-8.
+
+    Example:
+        >>> print(_c_string('a "b"'))
+        "a \\042b\\042"
+    """
+    plain = (
+        chr(b) if 32 <= b < 127 and chr(b) not in '"\\?' else f"\\{b:03o}" for b in text.encode()
+    )
+    return f'"{"".join(plain)}"'
 
 
 def _table(kind: str, name: str, entries: Iterable[str]) -> str:
@@ -93,8 +137,9 @@ def _table(kind: str, name: str, entries: Iterable[str]) -> str:
 def _functions(
     model: ExplicitModel, layout: Layout, events: EventSystem, initial: InitialSystem
 ) -> list[ca.Function]:
-    names = ["time", "states", "inputs", "parameters", "discrete", "delayed", "relations"]
+    names = ["time", "states", "inputs", "parameters", "discrete", "delayed", "relations", "loops"]
     at = [model.time, model.x, model.u, model.p, model.discrete, model.delayed, model.relations]
+    at.append(model.loops)
     others = ca.vertcat(*(e for _, e in layout.others)) if layout.others else ca.SX(0, 1)
     computed = ca.vertcat(model.derivatives, others)
 
@@ -102,7 +147,7 @@ def _functions(
     seed_names = ("seed_states", "seed_inputs", "seed_parameters")
 
     def along_seeds(expression: SX) -> SX:
-        return ca.jtimes(expression, ca.vertcat(*at[1:4]), ca.vertcat(*seeds))
+        return model.along(expression, ca.vertcat(*at[1:4]), ca.vertcat(*seeds))
 
     start_seed = ca.SX.sym("start_seed", layout.settable_starts.shape[0])
     start_change = ca.jtimes(
@@ -115,7 +160,7 @@ def _functions(
     durations = _column([model.fold(delay.duration) for delay in model.dae.delays])
     input_slopes = ca.SX.sym("input_slopes", model.u.shape[0])
     directions = ca.vertcat(1.0, model.derivatives, input_slopes)
-    slopes = ca.jtimes(operands, ca.vertcat(model.time, model.x, model.u), directions)
+    slopes = model.along(operands, ca.vertcat(model.time, model.x, model.u), directions)
 
     def of_situation(name: str, results: dict[str, SX], **further: SX) -> ca.Function:
         arguments = [*at, *further.values()]
@@ -129,6 +174,14 @@ def _functions(
         of_situation("indicators", {"indicators": events.indicators}),
         of_situation("triggers", {"triggers": events.triggers}),
         of_situation("actions", {"after": events.after}, fired=events.fired),
+        of_situation("assertions", {"assertions": events.assertions}),
+        of_situation(
+            "loops",
+            {
+                "residual": model.loop_residual,
+                "jacobian": ca.jacobian(model.loop_residual, model.loops),
+            },
+        ),
         of_situation("initial", {"residual": initial.residual, "jacobian": initial.jacobian}),
         of_situation("delays", {"operands": operands, "slopes": slopes}, rates=input_slopes),
         *(

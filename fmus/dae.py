@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from functools import cached_property
 
@@ -94,6 +94,30 @@ class WhenEquation:
 
 
 @dataclass(frozen=True)
+class DiscreteEquation:
+    """`name = value` at every event; the value may hold `pre(…)`, also of the variable itself."""
+
+    name: str
+    value: Expression
+
+
+@dataclass(frozen=True)
+class Assertion:
+    """`assert(condition, message)`: the simulation fails where the condition does not hold."""
+
+    condition: Expression
+    message: str
+
+
+@dataclass(frozen=True)
+class Termination:
+    """`when trigger then terminate(message)`: the simulation ends, without a fault."""
+
+    trigger: Expression
+    message: str
+
+
+@dataclass(frozen=True)
 class Alias:
     """`name` equals `sign` times the variable `of` (which has no alias itself).
 
@@ -150,7 +174,10 @@ class Dae:
         relations: Comparisons that make events, by index.
         delays: Delay operators, by index.
         reinits: State changes at events.
-        when_equations: Discrete equations.
+        when_equations: Equations of discrete variables that hold as a condition rises.
+        discrete_equations: Equations of discrete variables that hold at every event.
+        assertions, terminations: What ends a simulation.
+        clock_relations: Indices of the relations that stand for `sample(…)`.
         aliases: Variables removed because another one equals them.
         constant_values: Variables removed because they equal a number.
         connectors: All mechanical connectors, by which effects attach.
@@ -166,10 +193,61 @@ class Dae:
     delays: tuple[Delayed, ...] = ()
     reinits: tuple[Reinit, ...] = ()
     when_equations: tuple[WhenEquation, ...] = ()
+    discrete_equations: tuple[DiscreteEquation, ...] = ()
+    assertions: tuple[Assertion, ...] = ()
+    terminations: tuple[Termination, ...] = ()
+    clock_relations: frozenset[int] = frozenset()
     aliases: Mapping[str, Alias] = field(default_factory=dict[str, Alias])
     constant_values: Mapping[str, ConstantValue] = field(default_factory=dict[str, ConstantValue])
     connectors: tuple[Connector, ...] = ()
     description: str = ""
+
+    def expressions(self) -> Iterator[Expression]:
+        """Yield everything that equations and events are made of; no attributes of variables."""
+        yield from self.residuals
+        yield from self.initial_residuals
+        yield from self.relations
+        yield from self.delays
+        for reinit in self.reinits:
+            yield from (reinit.value, reinit.trigger)
+        for equation in self.when_equations:
+            yield from (equation.residual, equation.trigger)
+        yield from (equation.value for equation in self.discrete_equations)
+        yield from (assertion.condition for assertion in self.assertions)
+        yield from (termination.trigger for termination in self.terminations)
+
+    def mapped(self, change: Callable[[Expression], Expression]) -> Dae:
+        """Return the model with every expression changed; relations and delays stay such."""
+        relations: list[Relation] = []
+        for relation in self.relations:
+            changed = change(relation)
+            assert isinstance(changed, Relation)
+            relations.append(changed)
+        delays: list[Delayed] = []
+        for delay in self.delays:
+            changed = change(delay)
+            assert isinstance(changed, Delayed)
+            delays.append(changed)
+        return replace(
+            self,
+            residuals=tuple(map(change, self.residuals)),
+            initial_residuals=tuple(map(change, self.initial_residuals)),
+            relations=tuple(relations),
+            delays=tuple(delays),
+            reinits=tuple(
+                Reinit(r.state, change(r.value), change(r.trigger)) for r in self.reinits
+            ),
+            when_equations=tuple(
+                WhenEquation(change(w.residual), change(w.trigger)) for w in self.when_equations
+            ),
+            discrete_equations=tuple(
+                DiscreteEquation(d.name, change(d.value)) for d in self.discrete_equations
+            ),
+            assertions=tuple(Assertion(change(a.condition), a.message) for a in self.assertions),
+            terminations=tuple(
+                Termination(change(t.trigger), t.message) for t in self.terminations
+            ),
+        )
 
     def with_role(self, *roles: Role) -> tuple[Variable, ...]:
         """Return the variables that have one of the roles, in order of declaration."""

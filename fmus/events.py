@@ -11,7 +11,7 @@ from fmus.blocks import solve_blocks
 from fmus.casadi_expressions import SX
 from fmus.dae import Dae, Role, WhenEquation
 from fmus.explicit import ExplicitModel
-from fmus.expressions import Expression, Literal, Operation, Relation, Symbol, substitute
+from fmus.expressions import Expression, Literal, Operation, Relation, Symbol, substitute, walk
 from foundation.errors import UnsupportedModelError
 
 
@@ -23,15 +23,21 @@ class EventSystem:
         indicators: Column; positive where the relation of that index holds.
         strict: For each relation, whether it is false where its indicator is zero.
         triggers: Column of when-conditions, 0 or 1; a clause fires when one rises.
+        at_start: For each trigger, whether it is `initial()`.
+        terminates: For each trigger, the message with which it ends the simulation, or nothing.
         fired: Column symbol: which triggers have risen.
         after: Column of states and discrete variables after the event.
+        assertions: Column; zero where the assertion of that index fails.
     """
 
     indicators: SX
     strict: tuple[bool, ...]
     triggers: SX
+    at_start: tuple[bool, ...]
+    terminates: tuple[str, ...]
     fired: SX
     after: SX
+    assertions: SX
 
 
 def event_system(model: ExplicitModel) -> EventSystem:
@@ -52,6 +58,7 @@ def event_system(model: ExplicitModel) -> EventSystem:
 
     when = [(equation, number(equation.trigger)) for equation in model.dae.when_equations]
     reinits = [(reinit, number(reinit.trigger)) for reinit in model.dae.reinits]
+    ends = {i: t.message for t in model.dae.terminations for i in number(t.trigger)}
     fired = ca.SX.sym("fired", len(triggers))
 
     def rises(numbers: list[int]) -> SX:
@@ -69,9 +76,12 @@ def event_system(model: ExplicitModel) -> EventSystem:
     return EventSystem(
         indicators=_column([_indicator(model, r) for r in model.dae.relations]),
         strict=tuple(r.comparison.operator in ("greater", "less") for r in model.dae.relations),
-        triggers=_column([model.fold(t) for t in triggers]),
+        triggers=_triggers(model, triggers),
+        at_start=tuple(_is_initial(t) for t in triggers),
+        terminates=tuple(ends.get(i, "") for i in range(len(triggers))),
         fired=fired,
         after=_column([*states, discrete]),
+        assertions=_column([model.fold(a.condition) for a in model.dae.assertions]),
     )
 
 
@@ -115,6 +125,27 @@ def _conditions(trigger: Expression) -> list[Expression]:
     return [trigger]
 
 
+def _is_initial(trigger: Expression) -> bool:
+    return isinstance(trigger, Operation) and trigger.operator == "initial"
+
+
+def _triggers(model: ExplicitModel, triggers: Sequence[Expression]) -> SX:
+    """Conditions at an event: variables that follow at once are new, pre(…) is old."""
+    parts: list[SX] = []
+    now = _discrete_after(model, [])
+    for trigger in triggers:
+        if _is_initial(trigger):
+            parts.append(ca.SX(0))  # applied once, at the start
+        elif any(isinstance(n, Operation) and n.operator == "initial" for n in walk(trigger)):
+            raise UnsupportedModelError(
+                f"{model.dae.name}: initial() within a longer condition cannot be translated",
+                remedy="write when {initial(), other condition}",
+            )
+        else:
+            parts.append(_with_new(model, trigger, now))
+    return _column(parts)
+
+
 def _indicator(model: ExplicitModel, relation: Relation) -> SX:
     left, right = (model.fold(operand) for operand in relation.comparison.operands)
     greater = relation.comparison.operator in ("greater", "greater_equal")
@@ -141,6 +172,9 @@ def _discrete_after(model: ExplicitModel, when: Sequence[tuple[WhenEquation, SX]
         target, expression = _assignment(model, equation)
         i = model.discrete_names.index(target)
         values[i] = ca.if_else(rises, _with_new(model, expression, new), values[i])
+    for equation in model.dae.discrete_equations:
+        i = model.discrete_names.index(equation.name)
+        values[i] = _with_new(model, equation.value, new)
     unknowns = [new[i] for i in range(len(values))]
     residuals = [unknown - value for unknown, value in zip(unknowns, values, strict=True)]
     return _column(solve_blocks(residuals, unknowns, where=model.dae.name))

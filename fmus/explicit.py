@@ -1,6 +1,7 @@
 """The flat model solved for its derivatives and algebraic variables, as CasADi expressions.
 
-Blocks of the incidence matrix are solved in order; a linear block symbolically.
+Blocks of the incidence matrix are solved in order; a linear block symbolically, others by Newton's
+method in the generated code.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from fmus.blocks import solve_blocks
+from fmus.blocks import Loop, solve_blocks
 from fmus.casadi_expressions import SX, CasadiFold
 from fmus.dae import Dae, Role, Variable
 from fmus.expressions import Delayed, Derivative, Expression, Previous, Relation, Symbol, Time, walk
@@ -32,6 +33,11 @@ class ExplicitModel:
         derivatives: Column (nx,) of state derivatives.
         algebraics: Name → expression, for every algebraic variable.
         dependent: Name → expression of `p`, for every dependent parameter.
+        loops: Column symbol of the unknowns of nonlinear blocks, which derivatives and algebraics
+            are also given in; empty unless relations are frozen.
+        loop_residual: Column of as many expressions, zero at the solution, block lower triangular.
+        loop_sizes: Sizes of the blocks.
+        loop_names: Names of the unknowns; `der(x)` for derivatives.
         fold: Turns any further expression of the model into SX of the symbols above.
     """
 
@@ -52,7 +58,31 @@ class ExplicitModel:
     input_names: tuple[str, ...]
     parameter_names: tuple[str, ...]
     discrete_names: tuple[str, ...]
+    loops: SX
+    loop_residual: SX
+    loop_sizes: tuple[int, ...]
+    loop_names: tuple[str, ...]
     fold: _SolvedFold
+
+    def along(self, expression: SX, variables: SX, direction: SX) -> SX:
+        """Return the derivative of an expression as `variables` move in a direction.
+
+        The unknowns of nonlinear blocks follow (implicit function theorem).
+        """
+        total = ca.jtimes(expression, variables, direction)
+        if not self.loop_sizes:
+            return total
+        moved = ca.jtimes(self.loop_residual, variables, direction)
+        change, begin = ca.SX(0, 1), 0
+        for size in self.loop_sizes:
+            block = slice(begin, begin + size)
+            rest = moved[block]
+            if begin:
+                rest += ca.jtimes(self.loop_residual[block], self.loops[:begin], change)
+            matrix = ca.jacobian(self.loop_residual[block], self.loops[block])
+            own = -rest / matrix if size == 1 else ca.solve(matrix, -rest)
+            change, begin = ca.vertcat(change, own), begin + size
+        return total + ca.jtimes(expression, self.loops, change)
 
     def value(self, name: str) -> SX:
         """Return the expression of any variable, aliases included."""
@@ -83,12 +113,12 @@ def explicit(dae: Dae, *, freeze_relations: bool = False) -> ExplicitModel:
 
     Args:
         dae: The flat model, without aliases.
-        freeze_relations: Keep each event relation as a symbol (for code with event iteration)
-            instead of evaluating it in place.
+        freeze_relations: For code with event iteration: keep each event relation as a symbol
+            instead of evaluating it in place, and the unknowns of nonlinear blocks as well.
 
     Raises:
         UnsupportedModelError: The equations are structurally singular (a higher index, or more
-            than one solution), or a block is nonlinear in its unknowns.
+            than one solution), or a block is nonlinear in its unknowns and has to be solved.
     """
     states = dae.states
     inputs = dae.inputs
@@ -139,7 +169,9 @@ def explicit(dae: Dae, *, freeze_relations: bool = False) -> ExplicitModel:
     fold = CasadiFold(leaf, relation if freeze_relations else None)
     residuals = [fold(r) for r in dae.residuals]
     unknowns = [*derivative_of.values(), *algebraic.values()]
-    values = solve_blocks(residuals, unknowns, where=dae.name)
+    blocks: list[Loop] | None = [] if freeze_relations else None
+    values = solve_blocks(residuals, unknowns, where=dae.name, loops=blocks)
+    in_loops = [j for block in blocks or () for j in block.unknowns]
     n = len(states)
     return ExplicitModel(
         dae=dae,
@@ -159,21 +191,17 @@ def explicit(dae: Dae, *, freeze_relations: bool = False) -> ExplicitModel:
         input_names=tuple(v.name for v in inputs),
         parameter_names=tuple(v.name for v in independent),
         discrete_names=tuple(v.name for v in discrete),
+        loops=ca.vertcat(*(unknowns[j] for j in in_loops)) if in_loops else ca.SX(0, 1),
+        loop_residual=ca.vertcat(*(b.residual for b in blocks or ())) if blocks else ca.SX(0, 1),
+        loop_sizes=tuple(len(block.unknowns) for block in blocks or ()),
+        loop_names=tuple(str(unknowns[j].name()) for j in in_loops),
         fold=_SolvedFold(fold, unknowns, values),
     )
 
 
 def _previous_names(dae: Dae) -> tuple[str, ...]:
-    expressions = [
-        *dae.residuals,
-        *dae.initial_residuals,
-        *dae.relations,
-        *dae.delays,
-        *(part for r in dae.reinits for part in (r.value, r.trigger)),
-        *(part for w in dae.when_equations for part in (w.residual, w.trigger)),
-    ]
-    found = (node.name for e in expressions for node in walk(e) if isinstance(node, Previous))
-    return tuple(dict.fromkeys(found))
+    nodes = (node for e in dae.expressions() for node in walk(e))
+    return tuple(dict.fromkeys(node.name for node in nodes if isinstance(node, Previous)))
 
 
 def _column(variables: Sequence[Variable]) -> SX:

@@ -64,7 +64,9 @@ def initial_system(model: ExplicitModel) -> InitialSystem:
 
 
 def _jacobian(model: ExplicitModel, residual: SX, states: tuple[int, ...] | list[int]) -> SX:
-    return ca.jacobian(residual, ca.vertcat(*(model.x[i] for i in states)))
+    columns = ca.vertcat(*(model.x[i] for i in states))
+    unit = ca.SX.eye(len(states))
+    return ca.horzcat(*(model.along(residual, columns, unit[:, k]) for k in range(len(states))))
 
 
 def _rank(model: ExplicitModel, residual: SX, states: list[int]) -> int:

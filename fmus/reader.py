@@ -5,32 +5,18 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Mapping, Sequence
-from typing import Any
+from functools import cached_property
+from typing import Any, TypeVar
 
-from fmus.dae import (
-    Connector,
-    Dae,
-    Position,
-    Reinit,
-    Role,
-    ScalarType,
-    Variable,
-    WhenEquation,
-)
+from fmus import arrays
+from fmus.arena import Arena
+from fmus.dae import Connector, Dae, Position, Role, ScalarType, Variable
 from fmus.declarations import declaration_annotation
-from fmus.expressions import (
-    Delayed,
-    Derivative,
-    Expression,
-    Literal,
-    Operation,
-    Previous,
-    Relation,
-    Symbol,
-    Time,
-    walk,
-)
+from fmus.discrete import Discrete, simplified
+from fmus.expressions import Derivative, Expression, Operation, Symbol
 from foundation.errors import UnsupportedModelError
+
+_Part = TypeVar("_Part")
 
 _ROLES = {
     "parameter": Role.PARAMETER,
@@ -44,22 +30,12 @@ _ROLES = {
     "discrete_value": Role.DISCRETE,
 }
 
-# Parts of the front end's dictionary that carry meaning not translated yet: refused, never skipped.
-# `time_events` is not among them: comparisons with time are read as relations.
+# Parts of the front end's dictionary that carry meaning not translated: refused, never skipped.
+# Others say again what stands elsewhere: `roots` and `time_events` are read as relations.
 _UNTRANSLATED = {
-    "functions": "functions",
-    "discrete_value_owners": "discrete Integer or Boolean variables",
-    "model_event_transactions": "assert or terminate at events",
-    "structured_roots": "events inside for-equations",
-    "clocks": "sampled events and clocks",
-    "clock_ownerships": "clocks",
+    "model_event_transactions": "a chain of reinit, assert or terminate at events",
     "previous_values": "clocked previous()",
-    "initial_discrete_values": "initial equations of discrete variables",
-    "initial_parameter_values": "parameters computed by initial equations",
 }
-
-_COMPARISONS = {"less", "less_equal", "greater", "greater_equal"}
-_WITHOUT_EVENTS = {"no_event", "smooth"}
 
 
 class Reader:
@@ -82,16 +58,15 @@ class Reader:
         self._files: dict[int, tuple[str, str]] = {
             int(row[0]): (str(row[1]), str(row[2])) for row in dae["source_map"]["files"]
         }
-        arena = self._store["expressions"]
-        self._nodes: Sequence[Mapping[str, Any]] = arena["nodes"]
-        self._operands: Sequence[int] = arena["operands"]
-        self._spans: Sequence[Mapping[str, Any]] = arena["provenance"]
-        self._offsets = self._operand_offsets()
-        self._names: list[str] = [str(v["name"]) for v in self._store["variables"]]
-        self._roles = {str(v["name"]): _ROLES.get(str(v["role"])) for v in self._store["variables"]}
-        self._relations: list[Relation] = []
-        self._delays: dict[int, Delayed] = {}
-        self._memo: dict[tuple[int, bool], Expression] = {}
+        roles: dict[str, Role | None] = {}
+        for row in self._store["variables"]:
+            shape = self._store["value_types"][row["value_type"]]["dimensions"]
+            role = _ROLES.get(str(row["role"]))
+            for leaf in arrays.flat(arrays.of_names(str(row["name"]), shape, Symbol)):
+                assert isinstance(leaf, Symbol)
+                roles[leaf.name] = role
+        self._free: list[str] = []
+        self._arena = Arena(self._store, roles, self._position, self._unsupported)
 
     def read(self) -> Dae:
         """Return the flat model, aliases included.
@@ -101,52 +76,50 @@ class Reader:
         """
         for key, what in _UNTRANSLATED.items():
             if self._store.get(key):
-                raise self._unsupported(what, None)
-        for row in self._store["relations"]:
-            if "relation" not in row:
-                # The front end numbers expressions in a way of its own then.
-                raise self._unsupported("mod, rem, div or integer of a changing quantity", None)
-        variables = {v.name: v for v in (self._variable(row) for row in self._store["variables"])}
-        residuals: list[Expression] = []
-        positions: list[Position | None] = []
-        for row in self._store["continuous_equation_operations"]:
-            residuals.append(self._residual(row))
-            positions.append(self._position(row["residual"]["provenance"]))
-        initial_residuals = tuple(
-            self._residual(row) for row in self._store["initialization_equation_operations"]
-        )
-        reinits = tuple(self._reinit(row) for row in self._store["event_actions"])
-        when_equations = tuple(
-            self._when_equation(row) for row in self._store["discrete_real_equations"]
-        )
-        return Dae(
+                rows = self._store[key]
+                first = rows[0] if isinstance(rows, list) else {}
+                raise self._unsupported(what, self._position(first.get("provenance")))
+        variables = {v.name: v for row in self._store["variables"] for v in self._variables(row)}
+        residuals, positions = self._residuals("continuous_equation_operations")
+        initial_residuals, _ = self._residuals("initialization_equation_operations")
+        initial_residuals += [
+            Operation("subtract", (symbol, value))
+            for row in self._store.get("initial_parameter_values") or ()
+            for symbol, value in self._pairs(row["target"], row["value"])
+        ]
+        for name in self._free:
+            residuals.append(Derivative(name))
+            positions.append(variables[name].position)
+        discrete = Discrete(self._store, self._arena, self._position, self._unsupported)
+        for name, kind in discrete.read().items():
+            variables[name] = kind
+        dae = Dae(
             name=self._name,
             variables=variables,
             residuals=tuple(residuals),
             residual_positions=tuple(positions),
-            initial_residuals=initial_residuals,
-            relations=tuple(self._relations),
-            delays=tuple(self._delays.values()),
-            reinits=reinits,
-            when_equations=when_equations,
+            initial_residuals=tuple(initial_residuals),
+            relations=tuple(self._arena.relations),
+            delays=self._arena.delays,
+            reinits=tuple(discrete.reinits),
+            when_equations=tuple(discrete.when_equations),
+            discrete_equations=tuple(discrete.equations),
+            assertions=tuple(discrete.assertions),
+            terminations=tuple(discrete.terminations),
+            clock_relations=frozenset(r.index for r in self._arena.clock_relations),
             connectors=tuple(self._connectors()),
             description=str(self._flat.get("model_description") or ""),
         )
+        return simplified(dae)
 
-    def _operand_offsets(self) -> list[int]:
-        offsets: list[int] = []
-        offset = 0
-        for node in self._nodes:
-            offsets.append(offset)
-            (body,) = node.values()
-            if isinstance(body, dict):
-                offset += int(body.get("operand_count", 0))
-        return offsets
+    def _pairs(self, target: int, value: int) -> list[tuple[Expression, Expression]]:
+        left = arrays.flat(self._arena.variable(int(target)))
+        return list(zip(left, arrays.flat(self._arena.value(int(value))), strict=True))
 
     def _unsupported(self, what: str, position: Position | None) -> UnsupportedModelError:
         return UnsupportedModelError(
-            f"{position or f'{self._file_name}:1:1'}: {what} cannot be translated yet",
-            remedy="rewrite the model without them",
+            f"{position or f'{self._file_name}:1:1'}: {what} cannot be translated",
+            remedy="write it in another way",
         )
 
     def _position(self, provenance: Mapping[str, Any] | None) -> Position | None:
@@ -159,40 +132,95 @@ class Reader:
 
     # Variables and connectors
 
-    def _variable(self, row: Mapping[str, Any]) -> Variable:
+    def _variables(self, row: Mapping[str, Any]) -> list[Variable]:
+        """Return the variable of a row, or one for each element of an array."""
         attributes: Mapping[str, Any] = row["attributes"]
         position = self._position(row["declaration"])
         value_type: Mapping[str, Any] = self._store["value_types"][row["value_type"]]
         name = str(row["name"])
-        if value_type["dimensions"] or value_type["scalar"] not in ("real", "integer", "boolean"):
-            raise self._unsupported(f"the array or record variable '{name}'", position)
+        scalar = "integer" if value_type["scalar"] == "enumeration" else value_type["scalar"]
+        if scalar not in ("real", "integer", "boolean"):
+            raise self._unsupported(f"the {scalar} variable '{name}'", position)
         role = _ROLES.get(str(row["role"]))
         if role is None:
             raise self._unsupported(f"the {row['role']} variable '{name}'", position)
-        fixed = attributes["fixed"]
-        if role is Role.PARAMETER and fixed and not all(fixed):
-            raise self._unsupported(f"the parameter '{name}' with fixed=false", position)
         flat: Mapping[str, Any] = self._flat["variables"].get(name, {})
-        return Variable(
-            name=name,
-            role=role,
-            type=ScalarType(value_type["scalar"]),
-            output=attributes["causality"] == "output",
-            unit=_string(attributes["unit"]),
-            display_unit=_string(flat.get("display_unit")),
-            description=str(attributes["description"] or ""),
-            start=self._optional(attributes["start"]),
-            fixed=bool(fixed) and all(fixed),
-            minimum=self._optional(attributes["min"]),
-            maximum=self._optional(attributes["max"]),
-            nominal=self._optional(attributes["nominal"]),
-            binding=self._optional(attributes["binding"]),
-            tunable=bool(attributes["is_tunable"]) and not flat.get("is_protected", False),
-            known=re.search(r"\bknown\s*=\s*true\b", self._annotation(row["declaration"]))
-            is not None,
-            flow=bool(flat.get("flow")),
-            position=position,
-        )
+        leaves = list(arrays.flat(arrays.of_names(name, value_type["dimensions"], Symbol)))
+        fixed = self._spread([bool(f) for f in attributes["fixed"] or ()], len(leaves), position)
+        parts = {
+            key: self._spread(self._attribute(attributes[key]), len(leaves), position)
+            for key in ("start", "min", "max", "nominal", "binding")
+        }
+        annotation = self._annotation(row["declaration"])
+        found: list[Variable] = []
+        for k, leaf in enumerate(leaves):
+            assert isinstance(leaf, Symbol)
+            is_free = role is Role.PARAMETER and fixed[k] is False
+            if is_free:
+                self._free.append(leaf.name)
+            found.append(
+                Variable(
+                    name=leaf.name,
+                    # What initial equations determine is a state that does not move.
+                    role=Role.STATE if is_free else role,
+                    type=ScalarType(scalar),
+                    output=attributes["causality"] == "output",
+                    unit=_string(attributes["unit"]),
+                    display_unit=_string(flat.get("display_unit")),
+                    description=str(attributes["description"] or ""),
+                    start=parts["start"][k],
+                    fixed=bool(fixed[k]),
+                    minimum=parts["min"][k],
+                    maximum=parts["max"][k],
+                    nominal=parts["nominal"][k],
+                    binding=None if is_free else parts["binding"][k],
+                    tunable=bool(attributes["is_tunable"])
+                    and not flat.get("is_protected", False)
+                    and name not in self._clock_parameters,
+                    known=re.search(r"\bknown\s*=\s*true\b", annotation) is not None,
+                    flow=bool(flat.get("flow")),
+                    position=position,
+                )
+            )
+        return found
+
+    @cached_property
+    def _clock_parameters(self) -> set[str]:
+        """Parameters that `sample` may depend on: the front end has put in their values."""
+        words: set[str] = set()
+        for row in self._store.get("clocks") or ():
+            for place in (row.get("provenance"), *self._clock_conditions()):
+                words |= set(re.findall(r"[A-Za-z_]\w*", self._source_line(place)))
+        names = {str(v["name"]) for v in self._store["variables"]}
+        return {name for name in names if name.rpartition(".")[2] in words}
+
+    def _clock_conditions(self) -> list[Mapping[str, Any]]:
+        rows = self._store["conditions"]
+        return [
+            r["provenance"] for r in rows if isinstance(r["node"], dict) and "clock" in r["node"]
+        ]
+
+    def _source_line(self, provenance: Mapping[str, Any] | None) -> str:
+        """Return the statement that a record stands in."""
+        span = (provenance or {}).get("span")
+        if not span or int(span["source"]) not in self._files:
+            return ""
+        text = self._files[int(span["source"])][1].encode()
+        found = text[int(span["start"]) : int(span["end"])].decode(errors="replace")
+        return "".join(re.findall(r"sample\s*\([^;]*", found))
+
+    def _attribute(self, node: int | None) -> list[Expression]:
+        return [] if node is None else list(arrays.flat(self._arena.value(node, events=False)))
+
+    def _spread(
+        self, values: Sequence[_Part], count: int, position: Position | None
+    ) -> list[_Part | None]:
+        """Give each element its part; one part is for all."""
+        if not values:
+            return [None] * count
+        if len(values) not in (1, count):
+            raise self._unsupported("an attribute of another size than its array", position)
+        return list(values) if len(values) == count else [values[0]] * count
 
     def _annotation(self, declaration: Mapping[str, Any]) -> str:
         span = declaration.get("span")
@@ -237,157 +265,23 @@ class Reader:
 
     # Equations and events
 
-    def _optional(self, node: int | None) -> Expression | None:
-        return None if node is None else self._expression(node, events=False)
-
-    def _residual(self, row: Mapping[str, Any]) -> Expression:
-        if set(row) != {"residual"}:
+    def _residuals(self, key: str) -> tuple[list[Expression], list[Position | None]]:
+        residuals: list[Expression] = []
+        positions: list[Position | None] = []
+        for row in self._store[key]:
             ((kind, body),) = row.items()
-            raise self._unsupported(f"a {kind} equation", self._position(body.get("provenance")))
-        return self._expression(int(row["residual"]["residual"]))
-
-    def _reinit(self, row: Mapping[str, Any]) -> Reinit:
-        kind: Mapping[str, Any] = row["kind"]
-        if set(kind) != {"reinitialize"}:
-            raise self._unsupported(
-                f"the event action '{'/'.join(kind)}'", self._position(row["provenance"])
-            )
-        action = kind["reinitialize"]
-        return Reinit(
-            self._names[int(action["state"])],
-            self._expression(int(action["value"]), events=False),
-            self._condition(int(row["trigger"])),
-        )
-
-    def _when_equation(self, row: Mapping[str, Any]) -> WhenEquation:
-        activation: Mapping[str, Any] = row["activation"]
-        if set(activation) != {"when"}:
-            raise self._unsupported(
-                f"a discrete equation of the kind '{'/'.join(activation)}'",
-                self._position(row["provenance"]),
-            )
-        return WhenEquation(
-            self._expression(int(row["residual"]), events=False),
-            self._condition(int(activation["when"]["trigger"])),
-        )
-
-    def _condition(self, index: int) -> Expression:
-        row = self._store["conditions"][index]
-        node = row["node"]
-        if isinstance(node, dict):
-            ((kind, body),) = node.items()
-            if kind == "relation":
-                return self._expression(
-                    int(self._store["relations"][int(body)]["relation"]["expression"])
-                )
-            if kind == "expression":
-                return self._expression(int(body))
-            if kind == "not":
-                return Operation("not", (self._condition(int(body)),))
-            if kind in ("and", "or", "any_rise"):
-                return Operation(
-                    kind, (self._condition(int(body["lhs"])), self._condition(int(body["rhs"])))
-                )
-            node = kind
-        raise self._unsupported(
-            f"a when-condition of the kind '{node}'", self._position(row["provenance"])
-        )
-
-    # Expressions
-
-    def _expression(self, index: int, *, events: bool = True) -> Expression:
-        """Read a node; with `events`, comparisons of changing quantities become relations."""
-        known = self._memo.get((index, events))
-        if known is not None:
-            return known
-        expression = self._read_node(index, events)
-        if events and self._makes_event(expression):
-            assert isinstance(expression, Operation)
-            expression = Relation(len(self._relations), expression)
-            self._relations.append(expression)
-        self._memo[index, events] = expression
-        return expression
-
-    def _makes_event(self, expression: Expression) -> bool:
-        if not isinstance(expression, Operation) or expression.operator not in _COMPARISONS:
-            return False
-        return any(
-            isinstance(node, Time | Derivative | Delayed)
-            or (
-                isinstance(node, Symbol | Previous)
-                and self._roles[node.name] not in (Role.PARAMETER, Role.CONSTANT)
-            )
-            for node in walk(expression)
-        )
-
-    def _read_node(self, index: int, events: bool) -> Expression:
-        ((kind, body),) = self._nodes[index].items()
-        match kind:
-            case "literal":
-                (value,) = body.values()
-                if isinstance(value, int | float):  # bool is an int
-                    return Literal(value)
-            case "coordinate":
-                return self._coordinate(body, index)
-            case "unary":
-                operand = self._expression(body["operand"], events=events)
-                return Operation(str(body["operator"]), (operand,))
-            case "binary":
-                operands = (
-                    self._expression(body["lhs"], events=events),
-                    self._expression(body["rhs"], events=events),
-                )
-                return Operation(str(body["operator"]), operands)
-            case "builtin":
-                name = str(body["builtin"])
-                inside = events and name not in _WITHOUT_EVENTS
-                return Operation(name, self._operands_of(index, body, inside))
-            case "conditional":
-                operands = self._operands_of(index, body, events)
-                result = operands[-1]
-                for k in range(len(operands) - 3, -1, -2):
-                    result = Operation("if", (operands[k], operands[k + 1], result))
-                return result
-            case _:
-                pass
-        raise self._unsupported(f"the expression '{kind}'", self._position(self._spans[index]))
-
-    def _operands_of(
-        self, index: int, body: Mapping[str, Any], events: bool
-    ) -> tuple[Expression, ...]:
-        first = self._offsets[index]
-        return tuple(
-            self._expression(node, events=events)
-            for node in self._operands[first : first + int(body["operand_count"])]
-        )
-
-    def _coordinate(self, body: Any, index: int) -> Expression:
-        if body == "time":
-            return Time()
-        ((kind, number),) = body.items()
-        if kind == "delay":
-            return self._delay(int(number))
-        if kind == "derivative":
-            return Derivative(self._names[number])
-        if str(kind).startswith("pre"):
-            return Previous(self._names[number])
-        if kind in _ROLES:
-            return Symbol(self._names[number])
-        raise self._unsupported(f"the coordinate '{kind}'", self._position(self._spans[index]))
-
-    def _delay(self, number: int) -> Delayed:
-        if number not in self._delays:
-            row = self._store["delays"][number]
-            ((kind, body),) = row["kind"].items()
-            if "delay_time" not in body:
-                raise self._unsupported(f"the delay '{kind}'", self._position(row["provenance"]))
-            duration = body["delay_time"]
-            node = int(duration["expression"] if isinstance(duration, dict) else duration)
-            source = self._expression(int(row["source"]))
-            self._delays[number] = Delayed(
-                len(self._delays), source, self._expression(node, events=False)
-            )
-        return self._delays[number]
+            position = self._position(body.get("provenance"))
+            if kind == "residual":
+                found = list(arrays.flat(self._arena.value(int(body["residual"]))))
+            elif kind == "structured" and body["scalar_view"] == "BinderSubstitution":
+                found = list(self._arena.loop(int(body["domain"]), body["bodies"]))
+            elif kind == "structured" and body["scalar_view"] == "RowMajorProjection":
+                found = [e for b in body["bodies"] for e in arrays.flat(self._arena.value(int(b)))]
+            else:
+                raise self._unsupported(f"a {kind} equation", position)
+            residuals += found
+            positions += [position] * len(found)
+        return residuals, positions
 
 
 def _string(value: Any) -> str:

@@ -30,15 +30,19 @@ static Point point_at(Instance *m, double time, const double *states)
         at.inputs[i] = m->now.values[INPUTS + i] + elapsed * m->now.slopes[i];
     memcpy(at.relations, m->now.relations, sizeof at.relations);
     history_lookup(m, &at);
+    solve_loops(m, &at);
     return at;
 }
 
 static Point point_now(Instance *m)
 {
-    return point_at(m, m->now.values[TIME], m->now.values + STATES);
+    const Point at = point_at(m, m->now.values[TIME], m->now.values + STATES);
+    remember_loops(m, &at);
+    return at;
 }
 
 #include "linear.c"
+#include "loops.c"
 #include "sliding.c"
 
 static void evaluate_derivatives(Instance *m, double time, const double *x, double *derivatives)
@@ -104,6 +108,29 @@ static bool solve_initial_equations(Instance *m)
     return fail(m, "the initial equations have no solution near the start values");
 }
 
+/* Relations, discrete variables and initial equations may depend on each other; a few passes settle
+ * them. What sample() asks for happens after the start. */
+static bool settle_start(Instance *m)
+{
+    State *s = &m->now;
+    double indicators[ROOM(N_RELATIONS)], before[ROOM(N_RELATIONS)];
+    for (int pass = 0; pass < 20; pass++) {
+        if (N_INITIAL > 0 && !solve_initial_equations(m))
+            return false;
+        const Point at = point_now(m);
+        memcpy(before, s->relations, sizeof before);
+        evaluate_indicators(m, &at, indicators);
+        relations_refresh(m, indicators);
+        for (int i = 0; i < N_RELATIONS; i++)
+            if (model_is_clock[i])
+                s->relations[i] = 0;
+        const bool jumped = discrete_update(m);
+        if (!jumped && memcmp(before, s->relations, sizeof before) == 0)
+            return loops_are_solved(m, &at);
+    }
+    return fail(m, "the relations and discrete variables do not settle at the start");
+}
+
 /* Compute states, relations and when-conditions from the start values, unless that is done. */
 static bool instance_initialise(Instance *m)
 {
@@ -118,22 +145,18 @@ static bool instance_initialise(Instance *m)
         memcpy(x, started, (N_STATES + N_DISCRETES) * sizeof(double));
     }
     history_reset(m);
-    double indicators[ROOM(N_RELATIONS)];
-    /* Relations and initial equations may depend on each other; a few passes settle them. */
-    for (int pass = 0; pass < 10; pass++) {
-        if (N_INITIAL > 0 && !solve_initial_equations(m))
-            return false;
-        const Point at = point_now(m);
-        double before[ROOM(N_RELATIONS)];
-        memcpy(before, s->relations, sizeof before);
-        evaluate_indicators(m, &at, indicators);
-        relations_refresh(m, indicators);
-        if (memcmp(before, s->relations, sizeof before) == 0)
-            break;
-    }
+    s->ended = false;
+    s->loops_time = s->values[TIME];
+    memset(s->relations, 0, sizeof s->relations);
+    if (N_LOOPS > 0)
+        memcpy(s->loops, model_loop_starts, sizeof s->loops);
+    if (!settle_start(m) || !events_at_start(m) || !settle_start(m))
+        return false;
     const Point at = point_now(m);
     if (N_TRIGGERS > 0)
         CALL(model_triggers, s->triggers, AT(m, &at));
+    if (!assertions_hold(m, &at))
+        return false;
     history_reset(m);
     s->started = true;
     s->computed = false;
@@ -149,6 +172,8 @@ static bool instance_compute(Instance *m)
     if (s->computed)
         return true;
     const Point at = point_now(m);
+    if (!loops_are_solved(m, &at) || !assertions_hold(m, &at))
+        return false;
     if (N_STATES > 0)
         evaluate(m, model_derivatives, N_STATES, &at, s->values + DERIVATIVES);
     if (N_OTHERS > 0)

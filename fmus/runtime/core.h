@@ -74,11 +74,14 @@ typedef struct {
     double slopes[ROOM(N_INPUTS)]; /* of the inputs, within the present communication step */
     double relations[ROOM(N_RELATIONS)]; /* 0 or 1, frozen between events */
     double triggers[ROOM(N_TRIGGERS)];   /* when-conditions, as of the last event */
+    double loops[ROOM(N_LOOPS)];         /* solutions of the nonlinear blocks at `loops_time` */
+    double loops_time;
     double tolerance;
     double step;       /* that the integrator tries next; 0 if it does not know yet */
     bool is_stiff;     /* the method for stiff models is in use */
     int steps_for;     /* steps of late that speak for the other method */
     int steps_against; /* steps of late that do not */
+    bool ended;        /* by the model itself, by terminate() */
     bool started;      /* states have been computed from start values */
     int sliding;       /* number of surfaces */
     Surface surfaces[ROOM(N_RELATIONS)];
@@ -111,6 +114,7 @@ typedef struct {
     double inputs[ROOM(N_INPUTS)];
     double delayed[ROOM(N_DELAYS)];
     double relations[ROOM(N_RELATIONS)];
+    double loops[ROOM(N_LOOPS)]; /* solved for; not numbers where there is no solution */
 } Point;
 
 static Point point_at(Instance *m, double time, const double *states);
@@ -128,7 +132,12 @@ static void evaluate_indicators(Instance *m, const Point *at, double *indicators
 
 #define AT(m, point)                                                                               \
     &(point)->time, (point)->states, (point)->inputs, (m)->now.values + PARAMETERS,                \
-        (m)->now.values + DISCRETES, (point)->delayed, (point)->relations
+        (m)->now.values + DISCRETES, (point)->delayed, (point)->relations, (point)->loops
+
+/* loops.c */
+static void solve_loops(Instance *m, Point *at);
+static void remember_loops(Instance *m, const Point *at);
+static bool loops_are_solved(Instance *m, const Point *at);
 
 /* linear.c */
 static bool factorise(int n, double *A, int *pivots);
@@ -155,6 +164,9 @@ static bool relations_switched(Instance *m, double time, const double *states);
 static void event_margins(Instance *m, double time, const double *states, double *margins);
 static void event_indicators(Instance *m, double *indicators);
 static bool events_update(Instance *m);
+static bool events_at_start(Instance *m);
+static bool discrete_update(Instance *m);
+static bool assertions_hold(Instance *m, const Point *at);
 
 /* solver.c */
 static bool solver_advance(Instance *m, double end);

@@ -13,12 +13,13 @@ typedef int Function(const double **, double **, int *, double *, int);
 #define SLIDING_WIDTH (10 * EVENT_WIDTH)
 
 /* The same point on the other side of a surface. */
-static Point beyond(const Surface *surface, const Point *at)
+static Point beyond(Instance *m, const Surface *surface, const Point *at)
 {
     Point other = *at;
     for (int i = 0; i < N_RELATIONS; i++)
         if (surface->switches[i])
             other.relations[i] = !(at->relations[i] > 0);
+    solve_loops(m, &other);
     return other;
 }
 
@@ -34,6 +35,7 @@ static double indicator_rate(Instance *m, const Point *at, const double *derivat
     next.states = x;
     for (int i = 0; i < N_INPUTS; i++)
         next.inputs[i] += span * m->now.slopes[i];
+    solve_loops(m, &next);
     evaluate_indicators(m, at, here);
     evaluate_indicators(m, &next, there);
     return (there[relation] - here[relation]) / span;
@@ -49,7 +51,7 @@ static void sliding_shares(Instance *m, const Point *at, double *shares)
     for (int i = 0; i < n; i++)
         shares[i] = -indicator_rate(m, at, base, m->now.surfaces[i].relation);
     for (int j = 0; j < n; j++) {
-        const Point across = beyond(&m->now.surfaces[j], at);
+        const Point across = beyond(m, &m->now.surfaces[j], at);
         CALL(model_derivatives, other, AT(m, &across));
         for (int i = 0; i < n; i++)
             A[i + j * n] =
@@ -74,7 +76,7 @@ static void evaluate(Instance *m, Function *function, int n, const Point *at, do
     sliding_shares(m, at, shares);
     memcpy(base, result, n * sizeof(double));
     for (int k = 0; k < m->now.sliding; k++) {
-        const Point across = beyond(&m->now.surfaces[k], at);
+        const Point across = beyond(m, &m->now.surfaces[k], at);
         CALL(function, other, AT(m, &across));
         for (int i = 0; i < n; i++)
             result[i] += shares[k] * (other[i] - base[i]);
@@ -119,7 +121,7 @@ static void enter_surface(Instance *m, const double *before, const double *indic
     if (surface.relation < 0 || N_STATES == 0 || s->sliding == ROOM(N_RELATIONS))
         return;
     double here[ROOM(N_STATES)], there[ROOM(N_STATES)];
-    const Point at = point_now(m), across = beyond(&surface, &at);
+    const Point at = point_now(m), across = beyond(m, &surface, &at);
     surface.level = indicators[surface.relation];
     evaluate(m, model_derivatives, N_STATES, &at, here);
     evaluate(m, model_derivatives, N_STATES, &across, there);
