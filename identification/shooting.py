@@ -58,14 +58,23 @@ class Shooting:
         dae: The model.
         output_names: Measured variables, in the order of the answer.
         sensitive: Parameters with respect to which sensitivities are wanted.
+        briefly: It will only be run once or twice: compile fast rather than well.
 
     Raises:
         UnsupportedModelError: The model has when-equations, or delays something else than an input.
         CompilerError: No C compiler.
     """
 
-    def __init__(self, dae: Dae, output_names: Sequence[str], sensitive: Sequence[str]) -> None:
+    def __init__(
+        self,
+        dae: Dae,
+        output_names: Sequence[str],
+        sensitive: Sequence[str],
+        *,
+        briefly: bool = False,
+    ) -> None:
         self.dae = dae
+        self._optimise = "-O0" if briefly else "-O2"
         self.output_names = tuple(output_names)
         self.sensitive = tuple(sensitive)
         self.model = _plain(dae)
@@ -75,7 +84,7 @@ class Shooting:
 
     @cached_property
     def _library(self) -> ctypes.CDLL:
-        return _compiled(self.model, self.output_names, self.sensitive)
+        return _compiled(self.model, self.output_names, self.sensitive, self._optimise)
 
     @property
     def state_names(self) -> tuple[str, ...]:
@@ -251,10 +260,10 @@ def _rates(model: ExplicitModel) -> Mapping[str, str]:
 
 @lru_cache(maxsize=256)
 def _compiled(
-    model: ExplicitModel, output_names: tuple[str, ...], sensitive: tuple[str, ...]
+    model: ExplicitModel, output_names: tuple[str, ...], sensitive: tuple[str, ...], optimise: str
 ) -> ctypes.CDLL:
     source = step_code(model, output_names, sensitive, "shooting.c")
-    library = ctypes.CDLL(str(shared_library(source)))
+    library = ctypes.CDLL(str(shared_library(source, optimise=optimise)))
     library.twinproof_shoot.restype = ctypes.c_int
     return library
 

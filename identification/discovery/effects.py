@@ -53,6 +53,7 @@ class Effect:
         defaults: Their values, at which the effect is absent.
         delays: It has a memory of its input (`delay`).
         states: Number of states of its own.
+        jumps: It changes discrete variables or states at events.
     """
 
     class_name: str
@@ -62,6 +63,7 @@ class Effect:
     defaults: tuple[float, ...]
     delays: bool = False
     states: int = 0
+    jumps: bool = False
 
     @property
     def name(self) -> str:
@@ -217,6 +219,7 @@ def _read(
         tuple(dae.parameter_values[v.name] for v in parameters),
         bool(dae.delays),
         len(dae.states) - (0 if kind == "signal" else 2),
+        bool(dae.when_equations or dae.reinits),
     )
 
 

@@ -25,8 +25,6 @@ from identification.discovery.effects import Effect, find_effects, resolve
 
 _WIDTH = 92
 _SHORT = 40
-# A delay needs its bare input as operand; the other effects follow in the order they were added.
-_FIRST_IN_CHAIN = ("Delay",)
 _WRAPPED = "plant."
 # The first of these that nothing in sight is called names the class nested in a wrapper.
 _NESTED = ("Plant", "Machine", "InnerModel")
@@ -323,7 +321,8 @@ def _nested_name(base: ModelicaSource, additions: Sequence[Addition]) -> str:
 
 def _chain(series: tuple[Addition, ...], place: str) -> list[Addition]:
     here = [a for a in series if a.place.name == place]
-    return sorted(here, key=lambda a: a.effect.name not in _FIRST_IN_CHAIN)
+    # A delay needs its bare input as operand; the others follow in the order they were added.
+    return sorted(here, key=lambda a: not a.effect.delays)
 
 
 def _connect_chain(stations: Sequence[str]) -> list[str]:

@@ -96,7 +96,7 @@ def scan(
     base_names = {flat_name(whole, model, name): name for name in fit.free if name not in fit.held}
     sensitive = [*base_names, *(name for _, names in mains for name in names)]
     whole_problem = transfer_problem(problem, whole, fit.values, model)
-    shooting = Shooting(whole.dae, problem.output_names, sensitive)
+    shooting = Shooting(whole.dae, problem.output_names, sensitive, briefly=True)
     windows = experiment.windows
     x0 = transfer_states(whole_problem, shooting, whole, windows, experiment, model, fit.x0)
     at = linearise(whole_problem, shooting, windows, x0, whole_problem.values, fit.sd)
@@ -112,13 +112,25 @@ def _testable(wanted: Sequence[Addition]) -> tuple[list[Addition], dict[str, str
     """Leave out what cannot be simulated with sensitivities, with the reason."""
     testable: list[Addition] = []
     skipped: dict[str, str] = {}
+    delayed: dict[str, str] = {}
     for addition in wanted:
-        if addition.place.kind == "output" and addition.effect.delays:
-            skipped[addition.label] = (
-                "a delayed sensor has no sensitivities yet; a first-order lag stands for it"
-            )
+        effect, place = addition.effect, addition.place
+        if not effect.main_parameters:
+            reason = "no parameter makes it absent: give one the default 0"
+        elif effect.jumps:
+            reason = "an effect that changes its state at events is not tested yet"
+        elif effect.delays and place.kind == "output":
+            reason = "a delayed sensor has no sensitivities yet; a first-order lag stands for it"
+        elif effect.delays and place.kind != "input":
+            reason = "a delayed motion has no sensitivities yet"
+        elif effect.delays and place.name in delayed:
+            reason = f"{delayed[place.name]} is tested here; two delays in series are not"
         else:
             testable.append(addition)
+            if effect.delays:
+                delayed[place.name] = effect.name
+            continue
+        skipped[addition.label] = reason
     return testable, skipped
 
 
