@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
+import platform
 import shlex
 import shutil
+import struct
 import subprocess
 import sys
 import tempfile
@@ -19,7 +21,9 @@ from foundation.errors import CompilerError, InputError
 from foundation.files import written_whole
 
 _COMMON_FLAGS = ("-std=c11", "-fPIC", "-shared", "-Wl,-Bsymbolic")
-_TIMEOUT = 300.0  # [s]; a first compile with zig builds its C library and takes up to a minute
+_CROSS_FLAGS = ("-std=c11", "-shared", "-O2", "-s", "-fvisibility=hidden")
+_ZIG = (sys.executable, "-m", "ziglang", "cc")
+_TIMEOUT = 900.0  # [s]; a first compile with zig builds its C library, minutes on a busy machine
 
 
 @dataclass(frozen=True)
@@ -36,27 +40,52 @@ class Compiler:
 
 
 @dataclass(frozen=True)
+class Machine:
+    """A kind of processor of a platform.
+
+    Attributes:
+        folder: FMI 3.0's name of both.
+        zig: Zig's name of both.
+    """
+
+    folder: str
+    zig: str
+
+
+@dataclass(frozen=True)
 class Target:
     """A platform that FMUs are compiled for.
 
     Attributes:
         name: FMI 2.0's name of the platform, also the folder below `binaries/`.
         suffix: Suffix of shared libraries.
-        zig_triple: Zig's name of the platform.
+        machines: The processors; FMI 2.0 has one file for all of them.
     """
 
     name: str
     suffix: str
-    zig_triple: str
+    machines: tuple[Machine, ...]
 
 
 TARGETS = {
     target.name: target
     for target in (
         # An old C library, so that the FMU also loads on machines older than this one.
-        Target("linux64", ".so", "x86_64-linux-gnu.2.17"),
+        Target("linux64", ".so", (Machine("x86_64-linux", "x86_64-linux-gnu.2.17"),)),
+        Target("win64", ".dll", (Machine("x86_64-windows", "x86_64-windows-gnu"),)),
+        Target(
+            "darwin64",
+            ".dylib",
+            (
+                Machine("x86_64-darwin", "x86_64-macos.11.0"),
+                Machine("aarch64-darwin", "aarch64-macos.11.0"),
+            ),
+        ),
     )
 }
+
+NATIVE = {"Windows": "win64", "Darwin": "darwin64"}.get(platform.system(), "linux64")
+"""The target that is this machine."""
 
 
 def find_target(name: str) -> Target:
@@ -67,9 +96,9 @@ def find_target(name: str) -> Target:
     """
     if name not in TARGETS:
         raise InputError(
-            f"FMUs cannot be compiled for '{name}' yet",
+            f"FMUs cannot be compiled for '{name}'",
             where="--target",
-            remedy=f"use {' or '.join(TARGETS)}",
+            remedy=f"use {', '.join(TARGETS)}",
         )
     return TARGETS[name]
 
@@ -99,7 +128,7 @@ def _candidates() -> list[tuple[str, ...]]:
         found.append(tuple(shlex.split(chosen)))
     found.extend((path,) for name in ("cc", "gcc", "clang") if (path := shutil.which(name)))
     if find_spec("ziglang") is not None:
-        found.append((sys.executable, "-m", "ziglang", "cc"))
+        found.append(_ZIG)
     return found
 
 
@@ -119,35 +148,105 @@ def compile_library(
     *,
     include: Sequence[Path] = (),
     flags: Sequence[str] = ("-O2", "-fvisibility=hidden"),
-    target: str = "linux64",
 ) -> None:
-    """Compile C files into one shared library.
+    """Compile C files into one shared library for this machine.
 
     Args:
         sources: The C files.
         output: The library; it appears whole or not at all.
         include: Folders of header files.
         flags: Further flags; by default only symbols marked visible are exported.
-        target: Platform, see `TARGETS`.
 
     Raises:
         CompilerError: There is no compiler, or it refused the files.
-        InputError: The target is unknown.
     """
-    find_target(target)
     compiler = find_compiler()
     with written_whole(output) as beside:
-        command = [
-            *compiler.command,
-            *_COMMON_FLAGS,
-            *flags,
-            *(f"-I{folder}" for folder in include),
-            "-o",
-            str(beside),
-            *map(str, sources),
-            "-lm",
-        ]
-        _run(command)
+        _run(
+            [
+                *compiler.command,
+                *_COMMON_FLAGS,
+                *flags,
+                *(f"-I{folder}" for folder in include),
+                "-o",
+                str(beside),
+                *map(str, sources),
+                "-lm",
+            ]
+        )
+
+
+def compile_target(
+    sources: Sequence[Path], target: Target, identifier: str, fmi: str
+) -> dict[str, bytes]:
+    """Compile C files for a platform: for this one with its compiler, for another with zig.
+
+    Args:
+        sources: The C files.
+        target: The platform.
+        identifier: Name of the library.
+        fmi: Version of the standard, which decides the names of folders.
+
+    Returns:
+        The libraries by their paths below `binaries/`.
+
+    Raises:
+        CompilerError: There is no compiler for this platform, or it refused the files.
+    """
+    name = f"{identifier}{target.suffix}"
+    with tempfile.TemporaryDirectory() as folder:
+        library = Path(folder) / name
+        if target.name == NATIVE and find_compiler().command != _ZIG:
+            compile_library(sources, library)
+            machine = native_machine(target)
+            return {f"{target.name if fmi == '2' else machine}/{name}": library.read_bytes()}
+        compiled: dict[str, bytes] = {}
+        for machine in target.machines:
+            _compile_with_zig(sources, library, machine)
+            compiled[machine.folder] = library.read_bytes()
+    if fmi == "2":
+        return {f"{target.name}/{name}": fat_binary(list(compiled.values()))}
+    return {f"{machine}/{name}": content for machine, content in compiled.items()}
+
+
+def native_machine(target: Target) -> str:
+    """Return FMI 3.0's name of this machine."""
+    processor = {"arm64": "aarch64", "AMD64": "x86_64"}.get(platform.machine(), platform.machine())
+    return f"{processor}-{target.machines[0].folder.partition('-')[2]}"
+
+
+def _compile_with_zig(sources: Sequence[Path], output: Path, machine: Machine) -> None:
+    if find_spec("ziglang") is None:
+        raise CompilerError(
+            f"compiling for {machine.folder} needs the compiler from PyPI",
+            where="--target",
+            remedy="install it: pip install 'twinproof[compiler]'",
+        )
+    _run(
+        [*_ZIG, "-target", machine.zig, *_CROSS_FLAGS, "-o", str(output), *map(str, sources), "-lm"]
+    )
+
+
+_FAT_ALIGNMENT = 14  # as power of two: the page size of arm64
+
+
+def fat_binary(slices: Sequence[bytes]) -> bytes:
+    """Join 64-bit Mach-O libraries for several processors to one file; one alone stays as it is.
+
+    The header is big-endian: magic and number, then for each slice its processor (copied from its
+    own header), offset, size and alignment (`<mach-o/fat.h>`).
+    """
+    if len(slices) == 1:
+        return slices[0]
+    page = 1 << _FAT_ALIGNMENT
+    header = struct.pack(">II", 0xCAFEBABE, len(slices))
+    body = b""
+    for content in slices:
+        offset = page + len(body)
+        processor, subtype = struct.unpack_from("<II", content, 4)
+        header += struct.pack(">IIIII", processor, subtype, offset, len(content), _FAT_ALIGNMENT)
+        body += content.ljust(-(-len(content) // page) * page, b"\0")
+    return header.ljust(page, b"\0") + body
 
 
 def _run(command: Sequence[str]) -> None:
@@ -197,7 +296,7 @@ def shared_library(source: str, *, optimise: str = "-O2") -> Path:
     """
     compiler = find_compiler()
     key = content_key(source, optimise, *_COMMON_FLAGS, *compiler.command, compiler.version)
-    library = cache_folder("libraries") / f"{key}{TARGETS['linux64'].suffix}"
+    library = cache_folder("libraries") / f"{key}{TARGETS[NATIVE].suffix}"
     if not library.is_file():
         with tempfile.TemporaryDirectory() as folder:
             text = Path(folder) / "source.c"

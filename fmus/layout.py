@@ -213,7 +213,11 @@ class _Builder:
         references = {v.name: v for v in self._variables}
         for alias in self._dae.aliases.values():
             kept = references[alias.of]
-            shares = alias.sign > 0 and kept.causality in ("local", "output")
+            shares = alias.sign > 0 and (
+                kept.causality == "local"
+                # Of a computed output, FMI 3 would count aliases among the initial unknowns.
+                or (kept.causality == "output" and kept.initial != "calculated")
+            )
             if shares and kept.variability in ("continuous", "discrete"):
                 self._add(
                     alias.declared,

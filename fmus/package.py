@@ -15,35 +15,27 @@ import fmpy
 
 from fmus.cache import cache_folder, content_key
 from fmus.codegen import GUID_MARK, model_header
-from fmus.compiler import compile_library, find_compiler, find_target
+from fmus.compiler import NATIVE, Target, compile_target, find_compiler, find_target
 from fmus.dae import Dae
-from fmus.description import fmi2_description, model_identifier
+from fmus.description import model_identifier
 from fmus.events import signs_as_relations
 from fmus.explicit import explicit
+from fmus.fmi2_description import fmi2_description
+from fmus.fmi3_description import build_description, fmi3_description, terminals
 from fmus.frontend import load, with_values
 from fmus.layout import layout, with_starts
 from fmus.sources import ModelicaSource
-from foundation.errors import UnknownNameError
+from foundation.errors import InputError, UnknownNameError
 from foundation.files import written_whole
 
 _RUNTIME = Path(__file__).parent / "runtime"
-_CORE = (
-    "core.h",
-    "core.c",
-    "linear.c",
-    "sliding.c",
-    "history.c",
-    "events.c",
-    "solver.c",
-    "dormand_prince.c",
-    "rosenbrock.c",
-    "location.c",
-    "derivatives.c",
-    "access.c",
-)
-_FMI2 = ("fmi2.c",)
-# The standard's own header files (BSD licence), as FMPy carries them.
-_FMI2_HEADERS = ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h")
+_CORE = sorted(file.name for file in _RUNTIME.glob("*.[ch]") if not file.name.startswith("fmi"))
+# What an importer compiles, and the standard's own headers (BSD licence), as FMPy carries them.
+_LAYER = {"2": ("fmi2.c",), "3": ("fmi3.c",)}
+_HEADERS = {
+    "2": ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h"),
+    "3": ("fmi3Functions.h", "fmi3FunctionTypes.h", "fmi3PlatformTypes.h"),
+}
 # A zip entry has a date; one for all makes equal models equal files.
 _DATE = (2000, 1, 1, 0, 0, 0)
 
@@ -72,9 +64,10 @@ def export(
     path: Path,
     *,
     parameters: Mapping[str, float] | None = None,
+    fmi: str = "2",
     target: str = "linux64",
 ) -> ExportResult:
-    """Write a model as an FMU for FMI 2.0, Co-Simulation and Model Exchange, with its sources.
+    """Write a model as an FMU, Co-Simulation and Model Exchange in one, with its sources.
 
     The same model gives the same file, byte for byte.
 
@@ -83,6 +76,7 @@ def export(
         path: The file to write; whole or not at all.
         parameters: Values that replace declared ones: of independent parameters, or of the start
             of states that have no start parameter.
+        fmi: Version of the standard, "2" or "3".
         target: Platform of the binary.
 
     Raises:
@@ -90,7 +84,7 @@ def export(
         UnsupportedModelError: The model has something that is not translated.
         UnknownNameError: A name in `parameters` is neither a parameter nor a state.
         CompilerError: There is no C compiler.
-        InputError: The target is unknown.
+        InputError: The version or the target is unknown.
         OSError: The file cannot be written.
 
     Example:
@@ -101,13 +95,13 @@ def export(
         '2.0'
     """
     began = time.perf_counter()
-    find_target(target)
-    translation = _translate(model, parameters or {})
-    entries = _compiled(translation, target)
+    platform = find_target(target)
+    translation = _translate(model, parameters or {}, fmi)
+    entries = _compiled(translation, platform)
     _write_zip(path, entries)
     return ExportResult(
         fmu=path,
-        fmi="2.0",
+        fmi=f"{fmi}.0",
         sha256=hashlib.sha256(path.read_bytes()).hexdigest(),
         variables=translation.variables,
         seconds=time.perf_counter() - began,
@@ -115,64 +109,93 @@ def export(
 
 
 def cached_fmu(
-    model: ModelicaSource | Dae, *, parameters: Mapping[str, float] | None = None
+    model: ModelicaSource | Dae,
+    *,
+    parameters: Mapping[str, float] | None = None,
+    fmi: str = "2",
 ) -> Path:
     """Return an FMU of a model in the user's cache, made only if it is not there yet.
 
     Args and errors as `export`.
     """
-    translation = _translate(model, parameters or {})
+    translation = _translate(model, parameters or {}, fmi)
     compiler = find_compiler()
     key = content_key(translation.guid, *compiler.command, compiler.version)
     path = cache_folder("fmus") / f"{translation.identifier}-{key}.fmu"
     if not path.is_file():
-        _write_zip(path, _compiled(translation, "linux64"))
+        _write_zip(path, _compiled(translation, find_target(NATIVE)))
     return path
 
 
 @dataclass(frozen=True)
 class _Translation:
-    """A model in the texts that make its FMU."""
+    """A model in the texts that make its FMU.
+
+    Attributes:
+        identifier: Name of the library.
+        fmi: Version of the standard.
+        guid: Identifies the FMU; in FMI 3 called instantiation token.
+        sources: C files and what describes them, by name.
+        files: All other files of the FMU, by name.
+        variables: Their number.
+    """
 
     identifier: str
+    fmi: str
     guid: str
-    description: str
     sources: Mapping[str, str]
+    files: Mapping[str, str]
     variables: int
 
 
-def _translate(model: ModelicaSource | Dae, values: Mapping[str, float]) -> _Translation:
+def _translate(model: ModelicaSource | Dae, values: Mapping[str, float], fmi: str) -> _Translation:
+    if fmi not in _LAYER:
+        raise InputError(
+            f"there is no FMI version '{fmi}' here",
+            where="--fmi",
+            remedy=f"use {' or '.join(_LAYER)}",
+        )
     dae = load(model) if isinstance(model, ModelicaSource) else model
     solved = explicit(signs_as_relations(_with_defaults(dae, values)), freeze_relations=True)
     variables = layout(solved)
-    sources = {name: (_RUNTIME / name).read_text(encoding="utf-8") for name in (*_CORE, *_FMI2)}
+    identifier = model_identifier(dae.name)
     headers = Path(fmpy.__file__).parent / "c-code"
-    sources |= {name: (headers / name).read_text(encoding="utf-8") for name in _FMI2_HEADERS}
-    header = model_header(solved, variables)
-    description = fmi2_description(solved, variables, _FMI2)
-    guid = _guid(description, header, *sources.values())
+    paths = [_RUNTIME / name for name in (*_CORE, *_LAYER[fmi])]
+    paths += [headers / name for name in _HEADERS[fmi]]
+    sources = {path.name: path.read_text(encoding="utf-8") for path in paths}
+    sources["model.h"] = model_header(solved, variables)
+    sources["buildDescription.xml"] = build_description(identifier, _LAYER[fmi])
+    if fmi == "2":
+        files = {"modelDescription.xml": fmi2_description(solved, variables, _LAYER[fmi])}
+    else:
+        files = {"modelDescription.xml": fmi3_description(solved, variables)}
+        flanges = terminals(dae, variables)
+        if flanges is not None:
+            files["terminalsAndIcons/terminalsAndIcons.xml"] = flanges
+    guid = _guid(*files.values(), *sources.values())
+
+    def marked(texts: Mapping[str, str]) -> dict[str, str]:
+        return {name: text.replace(GUID_MARK, guid) for name, text in texts.items()}
+
     return _Translation(
-        identifier=model_identifier(dae.name),
-        guid=guid,
-        description=description.replace(GUID_MARK, guid),
-        sources=sources | {"model.h": header.replace(GUID_MARK, guid)},
-        variables=len(variables.variables),
+        identifier, fmi, guid, marked(sources), marked(files), len(variables.variables)
     )
 
 
-def _compiled(translation: _Translation, target: str) -> dict[str, str | bytes]:
+def _compiled(translation: _Translation, target: Target) -> dict[str, str | bytes]:
     """Return what goes into the FMU: name → content."""
-    platform = find_target(target)
     with tempfile.TemporaryDirectory() as folder:
         for name, text in translation.sources.items():
             (Path(folder) / name).write_text(text, encoding="utf-8")
-        library = Path(folder) / f"{translation.identifier}{platform.suffix}"
-        compile_library([Path(folder) / name for name in _FMI2], library, target=target)
-        binary = library.read_bytes()
+        binaries = compile_target(
+            [Path(folder) / name for name in _LAYER[translation.fmi]],
+            target,
+            translation.identifier,
+            translation.fmi,
+        )
     return {
-        "modelDescription.xml": f'<?xml version="1.0" encoding="UTF-8"?>\n'
-        f"{translation.description}\n",
-        f"binaries/{platform.name}/{library.name}": binary,
+        **translation.files,
+        **{f"binaries/{name}": binary for name, binary in sorted(binaries.items())},
         **{f"sources/{name}": text for name, text in sorted(translation.sources.items())},
     }
 
