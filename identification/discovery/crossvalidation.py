@@ -130,12 +130,15 @@ def _fit(
 def _judge(before: Matrix, after: Matrix, noise: Vector, tried: int) -> Verdict:
     mean_before, mean_after = np.mean(before, axis=0), np.mean(after, axis=0)
     # Each channel in units of its present error, so that all count alike.
-    difference = np.sum((before - after) / mean_before, axis=1)
+    unit = np.fmax(mean_before, 1e-300)
+    difference = np.sum((before - after) / unit, axis=1)
     spread = float(np.std(difference, ddof=1)) / np.sqrt(len(difference))
     gained = float(np.mean(difference))
     t = gained / max(spread, 1e-300)
     chance = min(1.0, float(stats.t.sf(t, len(difference) - 1)) * max(tried, 1))
-    above_noise = float(np.sum(np.fmax(mean_before - noise**2, 0.0) / mean_before))
+    # What was above the noise is what was gained and what is left. (Each window's initial state
+    # takes a part of the noise up, so an error may also lie below it.)
+    above_noise = gained + float(np.sum(np.fmax(mean_after - noise**2, 0.0) / unit))
     removed = gained / above_noise if above_noise > 0 else 0.0
     if gained <= 0 or chance > _LARGEST_CHANCE:
         accepted, reason = False, f"on unseen windows its gain may be chance (p = {chance:.2g})"
@@ -145,7 +148,7 @@ def _judge(before: Matrix, after: Matrix, noise: Vector, tried: int) -> Verdict:
     else:
         accepted = True
         reason = (
-            f"it removes {100 * min(removed, 1.0):.0f} % of the squared error above the noise on "
+            f"it removes {100 * removed:.0f} % of the squared error above the noise on "
             f"unseen windows (p = {chance:.1g})"
         )
     return Verdict(accepted, chance, removed, np.sqrt(mean_before), np.sqrt(mean_after), reason)

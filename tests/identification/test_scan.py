@@ -36,7 +36,7 @@ def scanned(law, source=PENDULUM):
     laws = {
         "nothing": lambda q, w: 0.0,
         "drag": lambda q, w: -0.004 * w * abs(w),
-        "spring": lambda q, w: -0.02 * q**3,
+        "spring": lambda q, w: -0.004 * q**3,
         "constant": lambda q, w: 0.02,
     }
     problem = replace(hidden(laws[law]))
@@ -67,7 +67,7 @@ def refitted(label, experiment, base):
     ("law", "label", "true"),
     [
         ("drag", "QuadraticDrag@joint", 0.004),
-        ("spring", "CubicSpring@joint", 0.02),
+        ("spring", "CubicSpring@joint", 0.004),
         ("constant", "ConstantTorque@joint", 0.02),
     ],
 )
