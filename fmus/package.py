@@ -24,6 +24,7 @@ from fmus.fmi2_description import fmi2_description
 from fmus.fmi3_description import build_description, fmi3_description, terminals
 from fmus.frontend import load, with_values
 from fmus.layout import layout, with_starts
+from fmus.openmodelica import export_with_omc
 from fmus.sources import ModelicaSource
 from foundation.errors import InputError, UnknownNameError
 from foundation.files import written_whole
@@ -65,7 +66,8 @@ def export(
     *,
     parameters: Mapping[str, float] | None = None,
     fmi: str = "2",
-    target: str = "linux64",
+    target: str = NATIVE,
+    compiler: str = "own",
 ) -> ExportResult:
     """Write a model as an FMU, Co-Simulation and Model Exchange in one, with its sources.
 
@@ -78,13 +80,14 @@ def export(
             of states that have no start parameter.
         fmi: Version of the standard, "2" or "3".
         target: Platform of the binary.
+        compiler: `own`, or `omc` for OpenModelica's, if that is on the path.
 
     Raises:
         ModelicaError: The source is wrong.
         UnsupportedModelError: The model has something that is not translated.
         UnknownNameError: A name in `parameters` is neither a parameter nor a state.
         CompilerError: There is no C compiler.
-        InputError: The version or the target is unknown.
+        InputError: The version, the target or the compiler is unknown, or do not go together.
         OSError: The file cannot be written.
 
     Example:
@@ -96,16 +99,58 @@ def export(
     """
     began = time.perf_counter()
     platform = find_target(target)
-    translation = _translate(model, parameters or {}, fmi)
-    entries = _compiled(translation, platform)
-    _write_zip(path, entries)
+    _check_version(fmi)
+    if compiler == "omc":
+        _export_with_omc(model, path, parameters or {}, fmi, target)
+        variables = len(fmpy.read_model_description(str(path)).modelVariables)
+    elif compiler == "own":
+        translation = _translate(model, parameters or {}, fmi)
+        variables = translation.variables
+        _write_zip(path, _compiled(translation, platform))
+    else:
+        raise InputError(
+            f"there is no compiler '{compiler}'", where="--compiler", remedy="use own or omc"
+        )
     return ExportResult(
         fmu=path,
         fmi=f"{fmi}.0",
         sha256=hashlib.sha256(path.read_bytes()).hexdigest(),
-        variables=translation.variables,
+        variables=variables,
         seconds=time.perf_counter() - began,
     )
+
+
+def _export_with_omc(
+    model: ModelicaSource | Dae,
+    path: Path,
+    parameters: Mapping[str, float],
+    fmi: str,
+    target: str,
+) -> None:
+    if not isinstance(model, ModelicaSource):
+        raise InputError("OpenModelica takes Modelica source only", where="--compiler")
+    if parameters:
+        raise InputError(
+            "OpenModelica takes no parameter values here",
+            where="--param",
+            remedy="write them into the model, or use --compiler own",
+        )
+    if target != NATIVE:
+        raise InputError(
+            "OpenModelica compiles for this machine only",
+            where="--target",
+            remedy=f"use {NATIVE}, or --compiler own",
+        )
+    export_with_omc(model, path, fmi)
+
+
+def _check_version(fmi: str) -> None:
+    if fmi not in _LAYER:
+        raise InputError(
+            f"there is no FMI version '{fmi}' here",
+            where="--fmi",
+            remedy=f"use {' or '.join(_LAYER)}",
+        )
 
 
 def cached_fmu(
@@ -149,12 +194,7 @@ class _Translation:
 
 
 def _translate(model: ModelicaSource | Dae, values: Mapping[str, float], fmi: str) -> _Translation:
-    if fmi not in _LAYER:
-        raise InputError(
-            f"there is no FMI version '{fmi}' here",
-            where="--fmi",
-            remedy=f"use {' or '.join(_LAYER)}",
-        )
+    _check_version(fmi)
     dae = load(model) if isinstance(model, ModelicaSource) else model
     solved = explicit(signs_as_relations(_with_defaults(dae, values)), freeze_relations=True)
     variables = layout(solved)

@@ -11,6 +11,7 @@ import pandas as pd
 from rich.table import Table
 
 from fmus.checking import check_fmu
+from fmus.compiler import NATIVE, TARGETS
 from fmus.package import export as export_fmu
 from fmus.running import Fmu, simulate_model
 from foundation.errors import InputError
@@ -39,19 +40,35 @@ from twinproof.model import Model
     metavar="F.fmu",
     help="The FMU to write.",
 )
-@click.option("--target", default="linux64", show_default=True, help="Platform of the binary.")
+@click.option("--fmi", default="2", show_default=True, metavar="2|3", help="Version of FMI.")
+@click.option(
+    "--target",
+    default=NATIVE,
+    show_default=True,
+    metavar="|".join(TARGETS),
+    help="Platform of the binary.",
+)
+@click.option(
+    "--compiler",
+    default="own",
+    show_default=True,
+    metavar="own|omc",
+    help="Translator: twinproof's own, or OpenModelica's.",
+)
 @param_option
 @modelica_path_option
 @json_option
 def export(
     model: str,
     output_path: Path,
+    fmi: str,
     target: str,
+    compiler: str,
     params: tuple[str, ...],
     modelica_path: tuple[Path, ...],
     json_path: str | None,
 ) -> None:
-    """Translate MODEL to an FMU (FMI 2.0, Co-Simulation and Model Exchange).
+    """Translate MODEL to an FMU (Co-Simulation and Model Exchange in one file).
 
     \b
     Example:
@@ -59,7 +76,14 @@ def export(
     """
     output = Output(json_path)
     chosen = Model.of(model, modelica_path)
-    result = export_fmu(chosen.source, output_path, parameters=parse_params(params), target=target)
+    result = export_fmu(
+        chosen.source,
+        output_path,
+        parameters=parse_params(params),
+        fmi=fmi,
+        target=target,
+        compiler=compiler,
+    )
     output.console.print(
         f"{result.fmu}: FMI {result.fmi}, {result.variables} variables, {result.seconds:.2f} s",
         soft_wrap=True,
