@@ -34,6 +34,7 @@ typedef struct {
     const int32_t *owner;          /* the unit of each output */
     const double *factor, *offset; /* of the connection to each input */
     double *u, *y, *before;        /* before: the inputs at the previous point */
+    double *rise;                  /* of the inputs since then, without jumps at this point */
     double *ahead;                 /* the inputs of a step */
     uint8_t *stepped;              /* which units have done the present step */
     int32_t n_units, n_u, failed_unit, failed_at, status;
@@ -177,7 +178,7 @@ static void prepare(System *s, const Unit *unit, double length, int32_t order, c
             const double new = s->factor[i] * s->y[from] + s->offset[i];
             ahead[i] = order == 2 ? 0.5 * (old + new) : new;
         } else
-            ahead[i] = old + reach * (old - s->before[i]);
+            ahead[i] = old + reach * s->rise[i];
     }
 }
 
@@ -187,6 +188,7 @@ bool loop_advance(System *s, double time, double length, int32_t sequential, int
 {
     const bool several = s->n_units > 1;
     memset(s->stepped, 0, (size_t)s->n_units);
+    memcpy(s->ahead, s->u, (size_t)s->n_u * sizeof(double));
     for (int32_t i = 0; i < s->n_units; i++) {
         const int32_t k = s->order[i];
         if (several && (order == 2 || sequential)) {
@@ -203,6 +205,18 @@ bool loop_advance(System *s, double time, double length, int32_t sequential, int
     return sequential || !several || loop_read(s);
 }
 
+/* Settle at a point where inputs from outside may jump. A line through the last two points must not
+ * lean on the jump: what happened until just before it counts. */
+static bool arrive(System *s, const double *last, const double *external, size_t n_external)
+{
+    const bool jumps = last != NULL && memcmp(last, external, n_external * sizeof(double)) != 0;
+    if (!loop_settle(s, jumps ? last : external))
+        return false;
+    for (int32_t i = 0; i < s->n_u; i++)
+        s->rise[i] = s->u[i] - s->before[i];
+    return !jumps || loop_settle(s, external);
+}
+
 /* A run over `n` points; returns how many were reached.
  *
  * external (n, inputs from outside), slopes likewise or NULL (one unit, FMI 2), recorded (n) or
@@ -214,11 +228,14 @@ int64_t loop_run(System *s, int64_t n, const double *times, const double *extern
     int ones[64];
     for (int i = 0; i < 64; i++)
         ones[i] = 1;
+    if (s->n_units > 1 && !loop_read(s)) /* outputs that depend on no input must be there first */
+        return 0;
     for (int64_t k = 0; k < n; k++) {
         const double *row = external + k * n_external;
         const bool is_shown = recorded == NULL || recorded[k];
         if (s->n_units > 1) {
-            if (!loop_settle(s, row))
+            const bool leans = order == 2 && k > 0;
+            if (!arrive(s, leans ? row - n_external : NULL, row, (size_t)n_external))
                 return k;
         } else {
             gather(s, s->units, row);

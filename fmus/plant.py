@@ -12,6 +12,8 @@ from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
+from fmpy.fmi2 import fmi2FMUstate
+from fmpy.fmi3 import fmi3FMUState
 from fmpy.simulation import apply_start_values
 
 from fmus.archive import FmuVariableInfo
@@ -47,6 +49,7 @@ class Plant:
         start: Time [s].
         tolerance: Relative, for the FMU's integrator.
         sha256: Of the file, if only that very file is to be used.
+        with_states: Read the continuous states that the FMU lists, too.
 
     Raises:
         UnknownNameError: A parameter or an output that the FMU does not have.
@@ -74,8 +77,10 @@ class Plant:
         start: float = 0.0,
         tolerance: float | None = None,
         sha256: str | None = None,
+        with_states: bool = False,
     ) -> None:
         self.path = path
+        self._with_states = with_states
         self._fmu = Fmu(path, sha256=sha256)
         try:
             self._open(parameters or {}, outputs, start, tolerance)
@@ -101,6 +106,8 @@ class Plant:
         self.parameters: Mapping[str, FmuVariableInfo] = {v.name: v for v in description.parameters}
         declared = {v.name: v for v in description.outputs}
         names = list(declared) if outputs is None else list(outputs)
+        if self._with_states:
+            names += [name for name in description.states if name not in names]
         for name in names:
             if name not in description.names:
                 raise UnknownNameError("variable", name, description.names, where=str(self.path))
@@ -115,14 +122,50 @@ class Plant:
         self._loop = self._new_loop()
         self._start(parameters, start)
 
+    def unit(self, name: str) -> UnitOf:
+        """Return this plant as a part of a loop, called `name` in messages."""
+        md = self._fmu.model_description
+        return UnitOf(self._instance, md, list(self.inputs), list(self.outputs), name)
+
+    def feedthrough(self) -> Mapping[str, frozenset[str]]:
+        """Return for each output the inputs that act on it at once, as the FMU declares.
+
+        An FMU that does not say may have any.
+        """
+        unknowns = getattr(self._fmu.model_description, "outputs", None) or []
+        declared: dict[str, frozenset[str]] = {}
+        for unknown in unknowns:
+            if unknown.dependencies is not None:
+                names = {str(v.name) for v in unknown.dependencies}
+                declared[str(unknown.variable.name)] = frozenset(names & set(self.inputs))
+        return {name: declared.get(name, frozenset(self.inputs)) for name in self.outputs}
+
+    def declares(self, name: str) -> bool:
+        """Whether a variable is declared output."""
+        return str(self._variables[name].causality) == "output"
+
+    @property
+    def saves_state(self) -> bool:
+        """Whether its state can be saved."""
+        return self._fmu.description.saves_state
+
+    def free_handle(self, handle: int | None) -> None:
+        """Free a state that a loop has saved."""
+        if handle:
+            kind = fmi3FMUState if self._fmu.description.fmi.startswith("3") else fmi2FMUstate
+            self._instance.freeFMUState(kind(handle))
+
+    def partial(self, output: str, given: str) -> float | None:
+        """Return ∂output/∂input where the plant is, or None if the FMU does not provide it."""
+        if not self._fmu.description.directional_derivatives:
+            return None
+        unknown, known = (self._variables[n].valueReference for n in (output, given))
+        values: list[float] = []
+        self._try(lambda: values.extend(self._derivative([unknown], [known])))
+        return values[0]
+
     def _new_loop(self) -> Loop:
-        unit = UnitOf(
-            self._instance,
-            self._fmu.model_description,
-            list(self.inputs),
-            list(self.outputs),
-            str(self.path),
-        )
+        unit = self.unit(str(self.path))
         return Loop([unit], [-1 - column for column in range(len(self.inputs))])
 
     def __enter__(self) -> Plant:

@@ -91,6 +91,7 @@ class _System(Structure):
         ("u", c_void_p),
         ("y", c_void_p),
         ("before", c_void_p),
+        ("rise", c_void_p),
         ("ahead", c_void_p),
         ("stepped", c_void_p),
         ("n_units", c_int32),
@@ -180,14 +181,14 @@ class Loop:
         sources: Sequence[int],
         *,
         order: Sequence[int] | None = None,
-        factors: Sequence[float] | None = None,
-        offsets: Sequence[float] | None = None,
+        factors: Sequence[float] | Array | None = None,
+        offsets: Sequence[float] | Array | None = None,
     ) -> None:
         self.units = tuple(units)
         n_u = sum(len(unit.inputs) for unit in units)
         n_y = sum(len(unit.outputs) for unit in units)
         self.u, self.y = np.zeros(n_u), np.zeros(n_y)
-        self._before, self._ahead = np.zeros(n_u), np.zeros(n_u)
+        self._before, self._rise, self._ahead = np.zeros((3, n_u))
         self._stepped = np.zeros(len(units), np.uint8)
         self._order = np.array(range(len(units)) if order is None else order, np.int32)
         self.sources = np.array(sources, np.int32)
@@ -214,6 +215,7 @@ class Loop:
             u=_address(self.u),
             y=_address(self.y),
             before=_address(self._before),
+            rise=_address(self._rise),
             ahead=_address(self._ahead),
             stepped=_address(self._stepped),
             n_units=len(units),
@@ -336,6 +338,18 @@ class Loop:
     def settle(self, external: Array) -> None:
         """Bring outputs to inputs at one point in time, in order."""
         self._succeed(self._library.loop_settle(self._pointer, _address(external)))
+
+    def input_defects(self) -> Array:
+        """Return how far connected inputs of the last step were from the mean over the step.
+
+        Shape (inputs,); to be called at the settled end of a step.
+        """
+        mean = 0.5 * (self._before + self.u)
+        return np.where(self.sources >= 0, np.abs(self._ahead - mean), 0.0)
+
+    def note_rise(self) -> None:
+        """Take the rise of the inputs since the last point for extrapolation."""
+        np.subtract(self.u, self._before, out=self._rise)
 
     def evaluate(self, unit: int) -> None:
         """Set the inputs of one unit from `u` and read its outputs to `y`."""
