@@ -116,7 +116,8 @@ def _actions(plants: dict[int, Any]) -> Mapping[str, Callable[..., Any]]:
         from fmus.master.ssp import read_ssp  # noqa: PLC0415
 
         with read_ssp(Path(path)) as opened:
-            run = opened.system.simulate(**{**opened.defaults, **settings})
+            chosen: dict[str, Any] = {**opened.defaults, **settings}
+            run = opened.system.simulate(**chosen)
         return {"time": run.time, "columns": dict(run.columns)}
 
     def open_plant(path: str, settings: dict[str, Any]) -> int:

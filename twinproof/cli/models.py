@@ -12,6 +12,7 @@ from rich.table import Table
 
 from fmus.checking import check_fmu
 from fmus.compiler import NATIVE, TARGETS
+from fmus.master.ssp import read_ssp, simulate_ssp
 from fmus.package import export as export_fmu
 from fmus.running import Fmu, simulate_model
 from foundation.errors import InputError
@@ -158,7 +159,7 @@ def simulate(
     modelica_path: tuple[Path, ...],
     json_path: str | None,
 ) -> None:
-    """Run MODEL (Modelica or FMU) and write its outputs as CSV.
+    """Run MODEL (Modelica, FMU or SSP) and write its outputs as CSV.
 
     \b
     Example:
@@ -172,14 +173,20 @@ def simulate(
         )
         inputs = (recording.time, {n: c.values for n, c in recording.channels.items()})
     began = time.perf_counter()
-    run = simulate_model(
-        model,
-        roots=tuple(modelica_path),
-        inputs=inputs,
-        parameters=parse_params(params),
-        stop=stop,
-        step=step,
-    )
+    if model.endswith(".ssp"):
+        times = {name: t for name, t in (("stop", stop), ("step", step)) if t is not None}
+        run = simulate_ssp(
+            Path(model), inputs=inputs, parameters=parse_params(params), order=2, **times
+        )
+    else:
+        run = simulate_model(
+            model,
+            roots=tuple(modelica_path),
+            inputs=inputs,
+            parameters=parse_params(params),
+            stop=stop,
+            step=step,
+        )
     seconds = time.perf_counter() - began
     frame = pd.DataFrame({"time": run.time, **run.columns})
     if not np.all(np.isfinite(frame.to_numpy())):
@@ -195,6 +202,9 @@ def simulate(
 
 
 def _inputs(model: str, modelica_path: tuple[Path, ...]) -> dict[str, str]:
+    if model.endswith(".ssp"):
+        with read_ssp(Path(model)) as opened:
+            return dict.fromkeys(opened.system.inputs, "")
     if model.endswith(".fmu"):
         with Fmu(Path(model)) as fmu:
             return {v.name: v.unit for v in fmu.description.inputs}
