@@ -11,3 +11,9 @@ def _own_cache(tmp_path_factory):
     patch.setenv(CACHE_VARIABLE, str(tmp_path_factory.mktemp("cache")))
     yield
     patch.undo()
+
+
+@pytest.fixture(params=["2", "3"], ids=["fmi2", "fmi3"])
+def fmi(request):
+    """Version of the standard."""
+    return request.param

@@ -35,8 +35,8 @@ def ball(t, e=0.8, g=9.81):
 
 
 @kinds
-def test_bouncing_ball(kind):
-    fmu = cached_fmu(source(BALL))
+def test_bouncing_ball(kind, fmi):
+    fmu = cached_fmu(source(BALL), fmi=fmi)
     assert validate_fmu(str(fmu)) == []
     run = simulate(fmu, stop=2.5, step=0.01, kind=kind, outputs=["h", "bounces", "height"])
     expected = np.array([ball(t) for t in run.time])
@@ -47,26 +47,28 @@ def test_bouncing_ball(kind):
 
 
 @kinds
-def test_event_exactly_at_a_communication_point(kind):
+def test_event_exactly_at_a_communication_point(kind, fmi):
     fmu = cached_fmu(
         source(
             "model T Real x(start = 0, fixed = true); discrete Real n(start = 0, fixed = true);"
             " equation der(x) = 1; when x >= 0.5 then n = pre(n) + 1; end when; end T;"
-        )
+        ),
+        fmi=fmi,
     )
     run = simulate(fmu, stop=1.0, step=0.25, kind=kind, outputs=["n"])
     assert run["n"][[0, 1, 3, 4]].tolist() == [0, 0, 1, 1]
 
 
 @kinds
-def test_relations_switch_where_they_should(kind):
+def test_relations_switch_where_they_should(kind, fmi):
     """A sawtooth force by `if`: the speed is a triangle, the position made of parabolas."""
     fmu = cached_fmu(
         source(
             "model T Real x(start = 0, fixed = true); Real v(start = 0, fixed = true);"
             " equation der(x) = v; der(v) = if sin(2*3.141592653589793*time) > 0 then 1 else -1;"
             " end T;"
-        )
+        ),
+        fmi=fmi,
     )
     assert validate_fmu(str(fmu)) == []
     run = simulate(fmu, stop=3.0, step=0.05, kind=kind, outputs=["x", "v"])
@@ -78,12 +80,13 @@ def test_relations_switch_where_they_should(kind):
 
 
 @kinds
-def test_time_event_follows_its_parameter(kind):
+def test_time_event_follows_its_parameter(kind, fmi):
     fmu = cached_fmu(
         source(
             "model T parameter Real t0 = 0.3; Real x(start = 0, fixed = true);"
             " equation der(x) = if time > t0 then 1 else 0; end T;"
-        )
+        ),
+        fmi=fmi,
     )
     for t0 in (0.3, 0.77):
         run = simulate(fmu, stop=1.0, step=0.1, kind=kind, outputs=["x"], parameters={"t0": t0})
@@ -91,7 +94,7 @@ def test_time_event_follows_its_parameter(kind):
 
 
 @kinds
-def test_elsewhen_and_events_that_set_off_events(kind):
+def test_elsewhen_and_events_that_set_off_events(kind, fmi):
     fmu = cached_fmu(
         source(
             "model T Real x(start = 0, fixed = true); discrete Real a(start = 0, fixed = true);"
@@ -99,7 +102,8 @@ def test_elsewhen_and_events_that_set_off_events(kind):
             " equation der(x) = 1;"
             " when x > 0.35 then a = 1; elsewhen x > 0.65 then a = 5; end when;"
             " when a > 0.5 then b = pre(b) + a; end when; end T;"
-        )
+        ),
+        fmi=fmi,
     )
     run = simulate(fmu, stop=1.0, step=0.1, kind=kind, outputs=["a", "b"])
     assert run["a"].tolist() == [0, 0, 0, 0, 1, 1, 1, 5, 5, 5, 5]
@@ -107,13 +111,14 @@ def test_elsewhen_and_events_that_set_off_events(kind):
 
 
 @kinds
-def test_when_with_several_conditions(kind):
+def test_when_with_several_conditions(kind, fmi):
     fmu = cached_fmu(
         source(
             "model T Real x(start = 0, fixed = true); discrete Real n(start = 0, fixed = true);"
             " equation der(x) = 1; when {x > 0.25, x > 0.55 and x < 2} then n = pre(n) + 1;"
             " end when; end T;"
-        )
+        ),
+        fmi=fmi,
     )
     run = simulate(fmu, stop=1.0, step=0.1, kind=kind, outputs=["n"])
     assert run["n"].tolist() == [0, 0, 0, 1, 1, 1, 2, 2, 2, 2, 2]
@@ -159,13 +164,14 @@ def test_events_that_never_settle_are_reported():
 
 
 @kinds
-def test_delayed_smooth_signal(kind):
+def test_delayed_smooth_signal(kind, fmi):
     """der(x) = cos(t), y(t) = x(t - 0.3): a sine, late."""
     fmu = cached_fmu(
         source(
             "model T parameter Real T0 = 0.3; Real x(start = 0, fixed = true); output Real y;"
             " equation der(x) = cos(time); y = delay(x, T0, 1.0); end T;"
-        )
+        ),
+        fmi=fmi,
     )
     assert validate_fmu(str(fmu)) == []
     for step in (0.01, 0.5):
@@ -177,10 +183,11 @@ def test_delayed_smooth_signal(kind):
 
 
 @kinds
-def test_delay_in_a_loop(kind):
+def test_delay_in_a_loop(kind, fmi):
     """x' = -x(t - 1), x = 1 before the start: polynomials piece by piece (method of steps)."""
     fmu = cached_fmu(
-        source("model T Real x(start = 1, fixed = true); equation der(x) = -delay(x, 1.0); end T;")
+        source("model T Real x(start = 1, fixed = true); equation der(x) = -delay(x, 1.0); end T;"),
+        fmi=fmi,
     )
     run = simulate(fmu, stop=3.0, step=0.02, kind=kind, outputs=["x"])
     t = run.time
@@ -213,7 +220,7 @@ def test_delay_shorter_than_the_steps():
 
 
 @kinds
-def test_initial_equations(kind):
+def test_initial_equations(kind, fmi):
     """Steady state at the start: der(x) = 0 gives x = u/k, a nonlinear one is solved too."""
     fmu = cached_fmu(
         source(
@@ -221,7 +228,8 @@ def test_initial_equations(kind):
             " Real z(start = 0.3, fixed = true); Real w;"
             " initial equation der(x) = 0; y^3 = 8;"
             " equation der(x) = u - k * x; der(y) = -y; w = 2 * z; der(z) = -z; end T;"
-        )
+        ),
+        fmi=fmi,
     )
     assert validate_fmu(str(fmu)) == []
     run = simulate(
@@ -233,12 +241,13 @@ def test_initial_equations(kind):
 
 
 @kinds
-def test_fixed_start_of_a_variable_that_is_no_state(kind):
+def test_fixed_start_of_a_variable_that_is_no_state(kind, fmi):
     fmu = cached_fmu(
         source(
             "model T Real x; Real y(start = 6, fixed = true);"
             " equation der(x) = -x; y = 2 * x + 1; end T;"
-        )
+        ),
+        fmi=fmi,
     )
     run = simulate(fmu, stop=1.0, step=0.1, kind=kind, outputs=["x"])
     assert run["x"] == pytest.approx(2.5 * exp(-run.time), abs=1e-6)
@@ -259,7 +268,7 @@ def test_period_of_a_large_swing_is_right():
 
 
 @kinds
-def test_stick_and_slip_under_a_slow_force(kind):
+def test_stick_and_slip_under_a_slow_force(kind, fmi):
     """A block with dry friction under A·sin(t): a stick-slip automaton in closed form."""
     fmu = cached_fmu(
         source(
@@ -268,7 +277,8 @@ def test_stick_and_slip_under_a_slow_force(kind):
             " output Real friction;"
             " equation der(x) = v; friction = c * sign(v); der(v) = A * sin(time) - friction;"
             " end T;"
-        )
+        ),
+        fmi=fmi,
     )
     run = simulate(fmu, stop=6.0, step=0.05, kind=kind, outputs=["v", "friction"])
     amplitude, c = 2.0, 1.2

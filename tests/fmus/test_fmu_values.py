@@ -115,8 +115,8 @@ STARTS = {"Pendulum": PENDULUM_STARTS, "Positioner": [0, 0.1], "WheeledPendulum"
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("name", PLANTS)
-def test_plant(name, kind):
-    fmu = cached_fmu(library_class(f"Twinproof.Plants.{name}"))
+def test_plant(name, kind, fmi):
+    fmu = cached_fmu(library_class(f"Twinproof.Plants.{name}"), fmi=fmi)
     assert validate_fmu(str(fmu)) == []
     parameters, rhs, signal, outputs = PLANTS[name]
     # The wheeled pendulum falls over within half a second: compare while it does.
@@ -162,7 +162,7 @@ def test_translational_effect(name):
         assert_agree(fmu, kind, {"vir": LEVELS}, ["q", "v"], expected)
 
 
-def in_series(name, values):
+def in_series(name, values, fmi):
     return cached_fmu(
         source(
             "model T Twinproof.Interfaces.RealInput u; Twinproof.Interfaces.RealOutput theta;"
@@ -171,14 +171,15 @@ def in_series(name, values):
             f" Twinproof.Effects.Signal.{name} effect({modifiers(values)});"
             " equation connect(u, effect.u); connect(effect.y, plant.tau);"
             " connect(plant.theta, theta); connect(plant.omega, omega); end T;"
-        )
+        ),
+        fmi=fmi,
     )
 
 
 @pytest.mark.parametrize("name", SIGNAL)
-def test_signal_effect(name):
+def test_signal_effect(name, fmi):
     values, law = SIGNAL[name]
-    fmu = in_series(name, values)
+    fmu = in_series(name, values, fmi)
     assert validate_fmu(str(fmu)) == []
     shaped = array([law(u) for u in LEVELS])
     free = pendulum(lambda q, w: 0.0)
@@ -187,8 +188,8 @@ def test_signal_effect(name):
         assert_agree(fmu, kind, {"u": LEVELS}, ["theta", "omega"], expected)
 
 
-def test_first_order_lag():
-    fmu = in_series("FirstOrderLag", {"T": 0.08})
+def test_first_order_lag(fmi):
+    fmu = in_series("FirstOrderLag", {"T": 0.08}, fmi)
     assert validate_fmu(str(fmu)) == []
 
     def rhs(t, x, u):
@@ -201,8 +202,8 @@ def test_first_order_lag():
 
 # Whole and half samples, much longer than a sample, shorter, none: the delayed stairs lie anywhere.
 @pytest.mark.parametrize("delay", [0.0, 0.005, 0.02, 0.05, 0.31])
-def test_delay(delay):
-    fmu = in_series("Delay", {"T": delay})
+def test_delay(delay, fmi):
+    fmu = in_series("Delay", {"T": delay}, fmi)
     assert validate_fmu(str(fmu)) == []
     delayed = staircase(np.concatenate([[-1.0], T[1:] + delay]), LEVELS)
     free = pendulum(lambda q, w: 0.0)
