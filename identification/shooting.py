@@ -74,7 +74,8 @@ class Shooting:
         briefly: bool = False,
     ) -> None:
         self.dae = dae
-        self._optimise = "-O0" if briefly else "-O2"
+        # More than -O1 takes longer to compile and runs no faster.
+        self._optimise = "-O0" if briefly else "-O1"
         self.output_names = tuple(output_names)
         self.sensitive = tuple(sensitive)
         self.model = _plain(dae)
