@@ -15,6 +15,7 @@ from fmus.blocks import Loop, solve_blocks
 from fmus.casadi_expressions import SX, CasadiFold
 from fmus.dae import Dae, Role, Variable
 from fmus.expressions import Delayed, Derivative, Expression, Previous, Relation, Symbol, Time, walk
+from fmus.index_reduction import reduce_index
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,6 +121,7 @@ def explicit(dae: Dae, *, freeze_relations: bool = False) -> ExplicitModel:
         UnsupportedModelError: The equations are structurally singular (a higher index, or more
             than one solution), or a block is nonlinear in its unknowns and has to be solved.
     """
+    dae = reduce_index(dae)
     states = dae.states
     inputs = dae.inputs
     independent = [

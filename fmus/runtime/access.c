@@ -117,6 +117,15 @@ static bool update_discrete_states(Instance *m, bool *states_changed, double *ne
     return true;
 }
 
+/* End the initialisation; without event mode, events at the very start happen at once. */
+static bool leave_initialisation(Instance *m, bool has_event_mode)
+{
+    if (!instance_initialise(m))
+        return false;
+    m->now.phase = has_event_mode ? EVENTS : CONTINUOUS;
+    return has_event_mode || events_update(m);
+}
+
 static bool do_step(Instance *m, double time, double step)
 {
     if (m->now.phase != CONTINUOUS)

@@ -100,10 +100,7 @@ fmi2Status fmi2EnterInitializationMode(fmi2Component component)
 fmi2Status fmi2ExitInitializationMode(fmi2Component component)
 {
     Component *c = component;
-    if (!instance_initialise(&c->model))
-        return report(c);
-    c->model.now.phase = c->is_co_simulation ? CONTINUOUS : EVENTS;
-    return fmi2OK;
+    return status_of(c, leave_initialisation(&c->model, !c->is_co_simulation));
 }
 
 fmi2Status fmi2Terminate(fmi2Component component)
@@ -239,6 +236,7 @@ fmi2Status fmi2NewDiscreteStates(fmi2Component component, fmi2EventInfo *info)
     if (!update_discrete_states(&c->model, &states_changed, &next))
         return report(c);
     *info = (fmi2EventInfo){
+        .terminateSimulation = c->model.now.ended,
         .valuesOfContinuousStatesChanged = states_changed,
         .nextEventTimeDefined = next < DBL_MAX,
         .nextEventTime = next,
@@ -306,7 +304,9 @@ fmi2Status fmi2DoStep(fmi2Component component, fmi2Real time, fmi2Real step,
 {
     (void)no_set_state;
     Component *c = component;
-    return status_of(c, do_step(&c->model, time, step));
+    if (!do_step(&c->model, time, step))
+        return report(c);
+    return c->model.now.ended ? fmi2Discard : fmi2OK; /* ended by terminate() of the model */
 }
 
 fmi2Status fmi2CancelStep(fmi2Component component)
@@ -361,7 +361,7 @@ fmi2Status fmi2GetBooleanStatus(fmi2Component component, const fmi2StatusKind ki
     Component *c = component;
     if (kind != fmi2Terminated)
         return refuse(c, "there is no status of this kind");
-    *value = c->model.now.phase == TERMINATED;
+    *value = c->model.now.ended;
     return fmi2OK;
 }
 

@@ -126,10 +126,8 @@ fmi3Status fmi3EnterInitializationMode(fmi3Instance instance, fmi3Boolean tolera
 fmi3Status fmi3ExitInitializationMode(fmi3Instance instance)
 {
     Component *c = instance;
-    if (!instance_initialise(&c->model))
-        return report(c);
-    c->model.now.phase = c->is_co_simulation && !c->has_event_mode ? CONTINUOUS : EVENTS;
-    return fmi3OK;
+    return status_of(c, leave_initialisation(&c->model,
+                                             !c->is_co_simulation || c->has_event_mode));
 }
 
 fmi3Status fmi3EnterEventMode(fmi3Instance instance)
@@ -356,7 +354,8 @@ fmi3Status fmi3UpdateDiscreteStates(fmi3Instance instance, fmi3Boolean *need_upd
     Component *c = instance;
     if (!update_discrete_states(&c->model, states_changed, next))
         return report(c);
-    *need_update = *terminate = *nominals_changed = fmi3False;
+    *need_update = *nominals_changed = fmi3False;
+    *terminate = c->model.now.ended;
     *next_defined = *next < DBL_MAX;
     return fmi3OK;
 }
@@ -447,10 +446,10 @@ fmi3Status fmi3DoStep(fmi3Instance instance, fmi3Float64 time, fmi3Float64 step,
     (void)no_set_state;
     Component *c = instance;
     const bool succeeded = do_step(&c->model, time, step);
-    *terminate = fmi3False;
+    *terminate = c->model.now.ended;
     *event = c->model.is_paused;
     *last_time = c->model.now.values[TIME];
-    *early_return = *event && *last_time < time + step;
+    *early_return = (*event || *terminate) && *last_time < time + step;
     return status_of(c, succeeded);
 }
 

@@ -110,7 +110,10 @@ static void move_to(Instance *m, double time)
 static bool too_small(Instance *m, const Step *step)
 {
     for (int i = 0; i < N_STATES; i++)
-        if (!isfinite(step->end[i]))
+        if (!isfinite(step->end[i]) && N_LOOPS > 0)
+            return fail(m, "the nonlinear equations for '%s' lose their solution at time %.9g",
+                        model_loop_names[0], m->now.values[TIME]);
+        else if (!isfinite(step->end[i]))
             return fail(m, "the state '%s' leaves the finite numbers at time %.9g",
                         model_state_names[i], m->now.values[TIME]);
     return fail(m, "no step is short enough for the tolerance at time %.9g", m->now.values[TIME]);
@@ -132,7 +135,7 @@ static bool solver_advance(Instance *m, double end)
         return false;
     restart(m, &step);
 
-    for (int run = 0; s->values[TIME] < end; run++) {
+    for (int run = 0; s->values[TIME] < end && !s->ended; run++) {
         const double time = s->values[TIME];
         const double jump = history_next_jump(m);
         const double stop = fmin(end, jump), left = stop - time;

@@ -321,9 +321,12 @@ def test_untranslated_constructs_are_refused_by_name(text, message):
     ("text", "message"),
     [
         ("Real x; Real y; equation der(x) = y; y ^ 3 + y = x;", "nonlinear"),
-        ("Real x; Real y; Real f; equation der(x) = y; der(y) = f; x = sin(time);", "index"),
+        ("Real x; Real y; Real f; input Real u; equation der(x) = y; der(y) = f; x = u;",
+         "derivative of the input 'u'"),
+        ("Real x; Real y; Real z; equation der(x) = 1; x = 3 * time; y + z = 1;",
+         "no finite index"),
     ],
-)
+)  # fmt: skip
 def test_unsolvable_equations_are_refused(text, message):
     with pytest.raises(UnsupportedModelError, match=message):
         explicit(load(source(f"model T {text} end T;")))
