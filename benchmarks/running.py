@@ -98,10 +98,10 @@ def _many(fmu: Path) -> Iterator[Figure]:
     sets = {"theta_p_start": np.linspace(-0.2, 0.2, 1000)}
 
     def with_workers(workers: int) -> float:
-        return best(lambda: run_many(fmu, sets, stop=2.0, step=1e-2, workers=workers), 2)
+        return best(lambda: run_many(fmu, sets, stop=2.0, step=1e-3, workers=workers), 2)
 
     one, all_cores = with_workers(1), with_workers(os.cpu_count() or 1)
-    yield Figure("1000 parameter sets of 200 steps", all_cores, None, "s")
+    yield Figure("1000 parameter sets of 2000 steps", all_cores, None, "s")
     yield Figure("1000 parameter sets, all cores over one", one / all_cores, 1.4, "times", True)
 
 

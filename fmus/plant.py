@@ -535,8 +535,12 @@ def input_table(
         held: Values (inputs,) of those that are not driven.
     """
     points = communication_points(grid, signals)
-    recorded = np.zeros(points.size, bool)
-    recorded[np.searchsorted(points, grid)] = True
+    recorded = np.ones(points.size, bool)
+    if points.size > grid.size:
+        recorded[:] = False
+        recorded[np.searchsorted(points, grid)] = True
+    if signals is not None and list(signals[1]) == list(names):
+        return sampled(points, signals, hold, can_interpolate=False)[0], points, recorded
     table = np.tile(held, (points.size, 1))
     if signals is not None:
         driven, _ = sampled(points, signals, hold, can_interpolate=False)
