@@ -15,7 +15,14 @@ import fmpy.simulation
 import numpy as np
 import numpy.typing as npt
 
-from fmus.archive import FmuDescription, check_archive, description_of, extract, read_description
+from fmus.archive import (
+    FmuDescription,
+    check_archive,
+    describe,
+    description_of,
+    extract,
+    read_description,
+)
 from fmus.co_simulation import Messages, run_co_simulation
 from fmus.dae import Dae
 from fmus.guarded import is_ours, simulate_guarded
@@ -296,6 +303,74 @@ def simulate(
         return Simulation(answer["time"], answer["columns"])
     with Fmu(fmu, sha256=sha256) as opened:
         return opened.simulate(**settings)
+
+
+def free_run(
+    fmu: Path,
+    time: Array,
+    columns: Mapping[str, Array],
+    *,
+    parameters: Mapping[str, float] | None = None,
+    hold: Hold = "zero-order",
+) -> Simulation:
+    """Run any FMU freely along a recording: its inputs drive, its other columns are compared with.
+
+    Args:
+        fmu: The file.
+        time: Of the samples, shape (n,) [s].
+        columns: Name → samples (n,), in the variables' units; names that the FMU does not have are
+            left out.
+        parameters: Also starts; `start_names` tells which there are.
+        hold: As `simulate`.
+
+    Returns:
+        At the times of the samples, a column for each recorded variable that is no input.
+
+    Raises:
+        InputError: Nothing of the recording can be compared with.
+        FmuError: As `simulate`.
+    """
+    description = describe(fmu)
+    driving = {v.name for v in description.inputs}
+    compared = [name for name in columns if name in description.names and name not in driving]
+    if not compared:
+        raise InputError(
+            "the recording has no output of the FMU",
+            where=str(fmu),
+            remedy=f"it has {', '.join(v.name for v in description.outputs)}: map a channel to one",
+        )
+    inputs = (time, {name: column for name, column in columns.items() if name in driving})
+    return simulate(
+        fmu,
+        inputs=inputs if inputs[1] else None,
+        parameters=parameters,
+        start=float(time[0]),
+        stop=float(time[-1]),
+        step=None if inputs[1] else float(np.min(np.diff(time))),
+        outputs=compared,
+        hold=hold,
+    )
+
+
+def start_names(fmu: Path) -> Mapping[str, str]:
+    """Return for each continuous state of an FMU the name by which its start value is set.
+
+    That is a parameter `<state>_start`, or the state itself where its start may be set. States
+    whose start cannot be set are missing.
+
+    Raises:
+        FmuError: The FMU cannot be read.
+    """
+    description = read_description(fmu)
+    variables: dict[str, Any] = {str(v.name): v for v in description.modelVariables}
+    names: dict[str, str] = {}
+    for state in description_of(description).states:
+        parameter = f"{state}_start"
+        if parameter in variables and variables[parameter].causality == "parameter":
+            names[state] = parameter
+        elif variables[state].initial in ("exact", "approx"):
+            names[state] = state
+    return names
 
 
 def model_fmu(model: str | Path | ModelicaSource | Dae, roots: tuple[Path, ...] = ()) -> Path:

@@ -19,10 +19,10 @@ from fmus.archive import check_archive, describe, extract
 from fmus.checking import check_fmu
 from fmus.guarded import Guard, Limits, is_ours, open_plant, simulate_guarded
 from fmus.package import cached_fmu
-from fmus.running import simulate
+from fmus.running import free_run, simulate, start_names
 from fmus.sources import library_class
 from fmus.wire import WireError, decode, encode
-from foundation.errors import FmuError, TwinproofError, UnknownNameError
+from foundation.errors import FmuError, InputError, TwinproofError, UnknownNameError
 
 
 @pytest.fixture(scope="module")
@@ -323,3 +323,15 @@ def test_requests_of_several_threads_do_not_mix(in_c):
     for u, y in got.items():
         assert y == pytest.approx(u * (1 - 0.9**10), abs=1e-12)
     assert Path(in_c).exists()
+
+
+def test_free_run_along_a_recording(made_elsewhere):
+    grid = np.arange(51) * 0.1
+    columns = {"u": np.sin(grid), "y": np.zeros(51), "spare": np.zeros(51)}
+    run = free_run(made_elsewhere["pythonfmu"], grid, columns, parameters={"rate": 3.0})
+    assert list(run.columns) == ["y"]
+    assert run["y"] == pytest.approx(euler(3.0, 1.0, columns["u"], 0.1), abs=1e-12)
+    with pytest.raises(InputError, match="no output"):
+        free_run(made_elsewhere["c"], grid, {"u": columns["u"]})
+    ours = cached_fmu(library_class("Twinproof.Plants.Pendulum"))
+    assert start_names(ours) == {"theta": "theta_start", "omega": "omega_start"}
