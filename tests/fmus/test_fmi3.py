@@ -89,8 +89,10 @@ def test_description_is_valid_and_complete(eventful):
         root = etree.fromstring(archive.read("modelDescription.xml"))
     assert [e.get("name") for e in root.iter("Float64") if e.get("reinit") == "true"] == ["v"]
     assert md.modelExchange.needsCompletedIntegratorStep, "the delay needs it"
+    for kind in ("ModelExchange", "CoSimulation"):
+        for ability in ("providesDirectionalDerivatives", "providesAdjointDerivatives"):
+            assert root.find(kind).get(ability) == "true"
     assert md.coSimulation.hasEventMode
-    assert md.coSimulation.providesDirectionalDerivatives
 
 
 def test_no_empty_elements(eventful):
