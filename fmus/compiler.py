@@ -191,6 +191,7 @@ def compile_target(
         The libraries by their paths below `binaries/`.
 
     Raises:
+        InputError: The platform is another one, and zig is not installed.
         CompilerError: There is no compiler for this platform, or it refused the files.
     """
     name = f"{identifier}{target.suffix}"
@@ -217,7 +218,7 @@ def native_machine(target: Target) -> str:
 
 def _compile_with_zig(sources: Sequence[Path], output: Path, machine: Machine) -> None:
     if find_spec("ziglang") is None:
-        raise CompilerError(
+        raise InputError(
             f"compiling for {machine.folder} needs the compiler from PyPI",
             where="--target",
             remedy="install it: pip install 'twinproof[compiler]'",

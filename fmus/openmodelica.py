@@ -8,7 +8,7 @@ import tempfile
 from pathlib import Path
 
 from fmus.sources import ModelicaSource, library_roots
-from foundation.errors import CompilerError, ModelicaError
+from foundation.errors import CompilerError, InputError, ModelicaError
 from foundation.files import write_bytes
 
 _TIMEOUT = 1800.0  # [s]
@@ -23,12 +23,13 @@ def export_with_omc(source: ModelicaSource, path: Path, fmi: str) -> None:
         fmi: Version of the standard, "2" or "3".
 
     Raises:
-        CompilerError: There is no `omc` on the path, or it does not end.
+        InputError: There is no `omc` on the path.
+        CompilerError: It does not end.
         ModelicaError: It refused the model.
     """
     omc = shutil.which("omc")
     if omc is None:
-        raise CompilerError(
+        raise InputError(
             "there is no OpenModelica compiler",
             where="omc",
             remedy="install OpenModelica and put omc on the PATH, or use --compiler own",

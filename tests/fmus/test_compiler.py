@@ -161,7 +161,7 @@ def test_binaries_are_of_the_format_of_the_target(target, fmi, tmp_path):
 
 def test_other_platforms_need_the_compiler_from_pypi(monkeypatch, tmp_path):
     monkeypatch.setattr(compiler, "find_spec", lambda name: None)
-    with pytest.raises(CompilerError, match=r"twinproof\[compiler\]"):
+    with pytest.raises(InputError, match=r"twinproof\[compiler\]"):
         export(PENDULUM, tmp_path / "p.fmu", target="win64")
     assert list(tmp_path.iterdir()) == []
 
@@ -183,7 +183,7 @@ def stand_in_for_omc(folder, monkeypatch, body):
 
 def test_omc_is_asked_for_when_absent(monkeypatch, tmp_path):
     monkeypatch.setenv("PATH", str(tmp_path))
-    with pytest.raises(CompilerError, match="omc on the PATH"):
+    with pytest.raises(InputError, match="omc on the PATH"):
         export(PENDULUM, tmp_path / "p.fmu", compiler="omc")
 
 
