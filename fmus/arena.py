@@ -220,6 +220,8 @@ class Arena:
                 return self._conditional(index, events, scope)
             case "array":
                 return tuple(self._value(node, events, scope) for node in self._inputs(index))
+            case "range":
+                return self._range(body, index, scope)
             case "index":
                 return self._element(index, events, scope)
             case "comprehension":
@@ -285,14 +287,26 @@ class Arena:
         subscripts: list[Expression | tuple[Value, ...] | None] = []
         for row in self._subscripts[first : first + int(body["subscript_count"])]:
             kind = row["kind"]
-            if isinstance(kind, dict) and "index" in kind:
-                subscripts.append(self._value(int(kind["index"]), False, scope))
-            else:
+            if not isinstance(kind, dict):
                 subscripts.append(None)  # a colon
+                continue
+            ((_, node),) = kind.items()  # an index, or a slice that is read as an array
+            subscripts.append(self._value(int(node), False, scope))
         try:
             return arrays.element(value, subscripts)
         except (ValueError, IndexError) as error:
             raise self._refuse(str(error), self.position(index)) from error
+
+    def _range(self, body: Mapping[str, Any], index: int, scope: _Scope) -> Value:
+        ends: list[int] = []
+        for key, default in (("start", None), ("explicit_step", 1), ("stop", None)):
+            node = body[f"{key}_expression"]
+            value = default if node is None else arrays.number(self._value(node, False, scope))
+            if value is None or value != int(value):
+                raise self._refuse("a range that is not constant", self.position(index))
+            ends.append(int(value))
+        start, step, stop = ends
+        return tuple(Literal(k) for k in range(start, stop + (1 if step > 0 else -1), step))
 
     def _rounds(self, domain: int) -> Iterator[dict[tuple[int, int], int]]:
         row = self._store["domains"][domain]

@@ -13,11 +13,9 @@ from fmus.expressions import Expression, Literal, Operation, walk
 Value: TypeAlias = "Expression | tuple[Value, ...]"
 
 _ONE_BY_ONE = {
-    "element_multiply": "multiply",
-    "element_divide": "divide",
-    "element_power": "power",
-    "element_add": "add",
-    "element_subtract": "subtract",
+    f"{prefix}_{operator}": operator
+    for prefix in ("element", "elementwise")
+    for operator in ("add", "subtract", "multiply", "divide", "power")
 }
 _CONSTANT_FOLDED = frozenset(
     (
@@ -109,7 +107,7 @@ def element(value: Value, subscripts: Sequence[Value | None]) -> Value:
     return result
 
 
-def apply(operator: str, operands: Sequence[Value]) -> Value:
+def apply(operator: str, operands: Sequence[Value]) -> Value:  # noqa: PLR0911 - one return a kind
     """Apply an operator or built-in function of Modelica.
 
     Raises:
@@ -117,13 +115,13 @@ def apply(operator: str, operands: Sequence[Value]) -> Value:
     """
     if operator in _OF_ARRAYS:
         return _OF_ARRAYS[operator](*operands)
+    name = _ONE_BY_ONE.get(operator, operator)
     if not any(isinstance(o, tuple) for o in operands):
-        return _scalar(operator, [o for o in operands if not isinstance(o, tuple)])
+        return _scalar(name, [o for o in operands if not isinstance(o, tuple)])
     if operator == "multiply":
         return _product(operands[0], operands[1])
     if operator in ("min", "max") and len(operands) == 1:
         return _fold(operator, operands[0])
-    name = _ONE_BY_ONE.get(operator, operator)
     if len(operands) == 1:
         return _each(lambda a: _scalar(name, [a]), operands[0])
     if len(operands) == 2:

@@ -106,8 +106,6 @@ class Discrete:
                     value = Operation("if", (guard, value, state))
                 self.reinits.append(Reinit(state.name, value, trigger))
             case "assert":
-                if str(row["trigger"]) != "" and self._is_warning(body):
-                    return
                 trigger = self._arena.condition(int(row["trigger"]))
                 guard = self._arena.condition(int(row["guard"]))
                 failed = guard
@@ -120,12 +118,12 @@ class Discrete:
                 if guard is not None:
                     trigger = Operation("and", (trigger, guard))
                 self.terminations.append(Termination(trigger, self._message(body)))
+            case "warning":
+                raise self._refuse(
+                    "assert with AssertionLevel.warning", self._place(row["provenance"])
+                )
             case _:
                 raise self._refuse(f"the event action '{kind}'", self._place(row["provenance"]))
-
-    def _is_warning(self, body: Mapping[str, Any]) -> bool:
-        level = body.get("level")
-        return level is not None and "warning" in str(level).lower()
 
     def _message(self, body: Mapping[str, Any]) -> str:
         text = self._arena.text(int(body["message"]))
@@ -134,6 +132,12 @@ class Discrete:
     def _activation(self, row: Mapping[str, Any]) -> tuple[Expression, Expression | None]:
         """Return the trigger, and what must hold beside it."""
         trigger = self._arena.condition(int(row["trigger"]))
+        if _hides_initial(trigger):
+            node = self._store["conditions"][int(row["trigger"])]
+            raise self._refuse(
+                "initial() within a longer condition, other than {initial(), …},",
+                self._place(node["provenance"]),
+            )
         if row["guard"] == row["trigger"]:
             return trigger, None
         guard = self._arena.condition(int(row["guard"]), events=False)
@@ -175,6 +179,15 @@ class Discrete:
                 events = activation == "always"
                 for symbol, scalar in self._pairs(target, value["value"], events=events):
                     self._assign(symbol, scalar, activation)
+
+
+def _hides_initial(trigger: Expression) -> bool:
+    if isinstance(trigger, Operation) and trigger.operator == "any_rise":
+        return any(_hides_initial(operand) for operand in trigger.operands)
+    return any(
+        isinstance(node, Operation) and node.operator == "initial" and node is not trigger
+        for node in walk(trigger)
+    )
 
 
 def _counter(name: str, description: str) -> Variable:

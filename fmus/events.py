@@ -11,7 +11,7 @@ from fmus.blocks import solve_blocks
 from fmus.casadi_expressions import SX
 from fmus.dae import Dae, Role, WhenEquation
 from fmus.explicit import ExplicitModel
-from fmus.expressions import Expression, Literal, Operation, Relation, Symbol, substitute, walk
+from fmus.expressions import Expression, Literal, Operation, Relation, Symbol, substitute
 from foundation.errors import UnsupportedModelError
 
 
@@ -136,11 +136,6 @@ def _triggers(model: ExplicitModel, triggers: Sequence[Expression]) -> SX:
     for trigger in triggers:
         if _is_initial(trigger):
             parts.append(ca.SX(0))  # applied once, at the start
-        elif any(isinstance(n, Operation) and n.operator == "initial" for n in walk(trigger)):
-            raise UnsupportedModelError(
-                f"{model.dae.name}: initial() within a longer condition cannot be translated",
-                remedy="write when {initial(), other condition}",
-            )
         else:
             parts.append(_with_new(model, trigger, now))
     return _column(parts)

@@ -21,6 +21,23 @@ from fmus.sources import ModelicaSource, library_classes, library_roots
 from foundation.errors import ModelicaError, UnknownNameError, UnsupportedModelError
 
 _POSITION = re.compile(r"\[(?P<file>[^\[\]:]+):(?P<line>\d+):(?P<column>\d+)\]")
+# What the front end says in terms of its own data structures.
+_PLAIN = {
+    "statement without a checked DAE owner": "the function has a while-loop, break or another "
+    "statement that cannot be translated",
+    "external function entry point": "external functions cannot be translated",
+    "unresolved clock schedule|clock partition": "clocks, hold and previous cannot be translated",
+    "model algorithm in canonical DAE": "an algorithm section with loops, or with several "
+    "variables assigned more than once, cannot be translated",
+    "current-value dependency cycle": "discrete variables depend on each other's new values in a "
+    "circle; use pre(…) for one of them",
+    "unsupported Flat semantic owner `when assignment`": "when within a for-equation cannot be "
+    "translated",
+    "if-equation branches have mismatched equation counts": "the branches of an if-equation have "
+    "different numbers of equations",
+    "pre expression.*names a continuous coordinate": "pre(…) of a continuous variable outside of "
+    "a when-clause",
+}
 _DOTTED = re.compile(r"[A-Za-z_]\w*(?:\.\w+)+")
 _QUOTED = re.compile(r"'([^']+)'|`([^`]+)`")
 
@@ -90,6 +107,9 @@ def _explain(source: ModelicaSource, text: str) -> ModelicaError:
         place = _search_identifier(source, first)
     message = re.sub(r"^\S+ could not be compiled: |^\w+ failed: \S+ failed in \w+: ", "", first)
     message = _POSITION.sub("", message).strip()
+    for jargon, plain in _PLAIN.items():
+        if re.search(jargon, message):
+            return ModelicaError(f"{place}: {plain}", remedy="write it in another way")
     balance = re.match(r"unbalanced model: (\d+) equations, (\d+) unknowns", message)
     if balance is not None:
         return ModelicaError(

@@ -24,6 +24,7 @@ from foundation.errors import ModelicaError, UnknownNameError
 _REDECLARE_WITH_MODIFIER = re.compile(
     r"\bredeclare\s+(?:model|block|package)\s+\w+\s*=\s*[\w.]+\s*\("
 )
+_STREAM = re.compile(r"\bstream\s+[A-Za-z]")
 _ATTRIBUTES = frozenset(
     ("start", "fixed", "min", "max", "nominal", "unit", "displayUnit", "quantity", "stateSelect")
 )
@@ -34,9 +35,16 @@ def check_text(source: ModelicaSource) -> None:
     """Refuse text whose meaning the front end is known to lose.
 
     Raises:
-        ModelicaError: `extends A(redeclare model B = C(k=4))`: the modifier is lost.
+        ModelicaError: `extends A(redeclare model B = C(k=4))`: the modifier is lost; connectors
+            with `stream` variables.
     """
     text = without_comments_and_strings(source.text)
+    stream = _STREAM.search(text)
+    if stream is not None:
+        raise ModelicaError(
+            f"{_place(source, stream.start())}: stream connectors cannot be translated",
+            remedy="write the mixing equations out",
+        )
     for found in _REDECLARE_WITH_MODIFIER.finditer(text):
         if parenthesis_depth(text, found.start()) > 0:
             raise ModelicaError(
