@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,12 +12,13 @@ from numpy.typing import NDArray
 from foundation.errors import ChannelError, RecordingError, TimeError, UnknownNameError
 from foundation.units import factor_and_offset
 from recordings import datasets
-from recordings.align import Aligned, align
 from recordings.channel_map import ChannelMap, ChannelSource, TimeSource, parse_map, read_map
+from recordings.clock import even_beat
 from recordings.names import listing, suggestion
-from recordings.readers import RawSignal, RawTable, reader_for
-from recordings.readers.can_log import CanReader
-from recordings.recording import Channel, Recording, Sensor
+from recordings.readers import RawSignal, RawTable, Request, Scope, reader_for
+from recordings.recording import Recording, Sensor
+from recordings.resample import Kind
+from recordings.signals import Samples, Signals
 
 
 def load(
@@ -25,20 +27,27 @@ def load(
     variables: Mapping[str, str] | None = None,
     channel_map: Path | None = None,
     dbc: Path | None = None,
+    inputs: Collection[str] = (),
+    span: tuple[float, float] | None = None,
 ) -> Recording:
     """Read a recording.
 
     Args:
-        data: A file (`.csv`, `.mat`, `.log`, `.log.gz`, `.blf`), or the name of a registered data
-            set, which brings its own channel map and DBC.
+        data: A file (`.csv`, `.parquet`, `.mat`, `.mf4`, `.log`, `.log.gz`, `.blf`, `.asc`,
+            `.trc`), or the name of a registered data set, which brings its own channel map and DBC.
         variables: Units of the model's inputs and outputs by name. Channels of other names are
             left out with a note, and values are converted to these units; a column of unknown
             unit is taken to be in the model's. None: every channel there is, as it is.
         channel_map: Which column or signal is which variable; adds to a data set's own map.
         dbc: Describes the messages of a CAN log.
+        inputs: Variables that are commands, which hold until the next one; the map's `kind` is
+            stronger.
+        span: First and last time, s, of the part that is wanted; None: all. Of a CAN log nothing
+            else is kept in memory.
 
     Returns:
-        The recording; what was left out, interpolated or assumed is in its `notes`.
+        The recording; what was left out, interpolated or assumed is in its `notes`, the signals at
+        their own times are in `raw`.
 
     Raises:
         RecordingError: A file is missing, or one of:
@@ -56,6 +65,23 @@ def load(
         >>> run.time.tolist(), run["q"].values.tolist(), run.notes
         ([0.0, 0.5], [1.0, 2.0], ('ignored, not of the model: spare',))
     """
+    signals = load_signals(
+        data, variables=variables, channel_map=channel_map, dbc=dbc, inputs=inputs, span=span
+    )
+    run = signals.recording()
+    return run if span is None else run.between(*span)
+
+
+def load_signals(
+    data: str | Path,
+    *,
+    variables: Mapping[str, str] | None = None,
+    channel_map: Path | None = None,
+    dbc: Path | None = None,
+    inputs: Collection[str] = (),
+    span: tuple[float, float] | None = None,
+) -> Signals:
+    """Read signals at their own times; arguments and errors as `load`."""
     given = read_map(channel_map) if channel_map is not None else ChannelMap()
     if variables is not None:
         _check_map_names(given, variables)
@@ -69,45 +95,46 @@ def load(
         mapping = _of_model(own, variables).updated(given)
         origin = f"{data_set.name} ({data_set.repository}@{data_set.commit[:7]}, {data_set.path})"
     reader = reader_for(path)
+    names: frozenset[str] | None = None
+    if variables is not None:
+        names = frozenset([*variables, *(s.source or n for n, s in mapping.channels.items())])
+    scope = Scope(names, *(span or ()))
+    table = reader.read(path, dbc=dbc, scope=scope)
     notes: tuple[str, ...] = ()
-    if dbc is not None and not isinstance(reader, CanReader):
+    if dbc is not None and not table.uses_dbc:
         notes = (f"the DBC {dbc.name} is not used: {path.name} is no CAN log",)
-    table = reader.read(path, dbc=dbc)
-    return _assemble(table, mapping, variables, origin, notes)
+    signals = _assemble(table, mapping, variables, inputs, origin, notes)
+    return signals if span is None else signals.between(*span)
 
 
 def _assemble(
     table: RawTable,
     mapping: ChannelMap,
     variables: Mapping[str, str] | None,
+    inputs: Collection[str],
     origin: str,
     notes: tuple[str, ...],
-) -> Recording:
+) -> Signals:
     wanted = _wanted(table, mapping, variables)
-    names = list(wanted)
-    sources = [wanted[name].source or name for name in names]
-    signals = table.signals(sources)
-    if signals[0].time is None:
-        aligned = _rows(table, signals, mapping.time)
-    else:
-        aligned = align(signals, table.origin)
-    channels: dict[str, Channel] = {}
-    for name, signal, values in zip(names, signals, aligned.values, strict=True):
+    requests = [Request(s.source or name, s.bus, s.address) for name, s in wanted.items()]
+    signals = table.signals(requests)
+    own_stamps = signals[0].time is not None
+    if not own_stamps:
+        signals = _rows(table, signals, mapping.time)
+    elif mapping.time.software_clock:
+        signals = _on_even_beats(signals)
+    samples: dict[str, Samples] = {}
+    for (name, source), signal in zip(wanted.items(), signals, strict=True):
         unit = None if variables is None else variables[name]
-        channels[name] = _channel(name, signal, values, wanted[name], unit, table.origin)
-    used = {*sources, mapping.time.source}
+        samples[name] = _samples(name, signal, source, unit, name in inputs, table.origin)
+    used = {mapping.time.source, *(request.name for request in requests)}
     heard = list(dict.fromkeys(note for signal in signals for note in signal.notes))
-    return Recording(
-        aligned.time,
-        channels,
+    left_out = _left_out(table.names, used, list(wanted), variables)
+    return Signals(
+        samples,
         origin,
-        (
-            *notes,
-            *table.notes,
-            *heard,
-            *aligned.notes,
-            *_left_out(table.names, used, names, variables),
-        ),
+        (*notes, *table.notes, *heard, *left_out),
+        mapping.time.step if own_stamps else None,
     )
 
 
@@ -133,7 +160,7 @@ def _wanted(
     return {n: wanted[n] for n in order or wanted}
 
 
-def _rows(table: RawTable, signals: list[RawSignal], source: TimeSource) -> Aligned:
+def _rows(table: RawTable, signals: list[RawSignal], source: TimeSource) -> list[RawSignal]:
     """Return columns with the time column that they share."""
     if source.step is not None:
         size = signals[0].values.size
@@ -147,8 +174,10 @@ def _rows(table: RawTable, signals: list[RawSignal], source: TimeSource) -> Alig
             remedy=f"{near}; name it in the channel map: [time] source = ..., or step = ... in s",
         )
     else:
-        column = table.signals([source.source])[0]
-        factor, _ = factor_and_offset(source.unit, "s", where=f"{table.origin}, time")
+        column = table.signals([Request(source.source)])[0]
+        # A unit in the file is better than the map's default.
+        unit = column.unit if column.unit and source.unit == "s" else source.unit
+        factor, _ = factor_and_offset(unit, "s", where=f"{table.origin}, time")
         time = column.values * factor
         what = f"'{source.source}'"
     for signal in signals:
@@ -158,28 +187,55 @@ def _rows(table: RawTable, signals: list[RawSignal], source: TimeSource) -> Alig
                 where=table.origin,
                 remedy="leave it out, or name its own time in the channel map",
             )
-    return Aligned(time, [signal.values for signal in signals], ())
+    return [replace(signal, time=time) for signal in signals]
 
 
-def _channel(
+def _on_even_beats(signals: list[RawSignal]) -> list[RawSignal]:
+    """Return signals with the stamps that their periodic messages would have had on the wire."""
+    moved: list[RawSignal] = []
+    for signal in signals:
+        beat = None if signal.time is None else even_beat(signal.time)
+        if beat is None:
+            note = f"'{signal.name}' has no even beat: its software stamps stay as they are"
+            moved.append(replace(signal, notes=(*signal.notes, note)))
+        else:
+            note = (
+                f"'{signal.name}' put on an even beat of {beat.period:.6g} s: its stamps were "
+                f"{beat.lateness:.2g} s late (root mean square)"
+            )
+            moved.append(replace(signal, time=beat.time, notes=(*signal.notes, note)))
+    return moved
+
+
+def _samples(
     name: str,
     signal: RawSignal,
-    values: NDArray[np.float64],
     source: ChannelSource,
     model_unit: str | None,
+    is_input: bool,
     origin: str,
-) -> Channel:
-    """Return a channel in the model's unit; without one, in the unit it was recorded in."""
+) -> Samples:
+    """Return a signal in the model's unit; without one, in the unit it was recorded in."""
     recorded = source.unit if source.unit is not None else signal.unit
     unit = model_unit or recorded or ""
     factor, offset = 1.0, 0.0
     if recorded is not None and model_unit:
         factor, offset = factor_and_offset(recorded, model_unit, where=f"{origin}, '{signal.name}'")
+    if source.factor is not None:
+        factor, offset = factor * source.factor, offset * source.factor
+    offset += source.offset or 0.0
     sensor = source.sensor
     if sensor.resolution is None and signal.resolution is not None:
         sensor = Sensor(sensor.sd, abs(factor) * signal.resolution, sensor.delay)
-    converted = values if (factor, offset) == (1.0, 0.0) else factor * values + offset
-    return Channel(name, converted, unit, sensor)
+    values = signal.values if (factor, offset) == (1.0, 0.0) else factor * signal.values + offset
+    assert signal.time is not None
+    if source.kind is not None:
+        kind = source.kind
+    elif is_input:
+        kind = Kind.COMMAND
+    else:
+        kind = Kind.STATE if signal.is_state else Kind.MEASURED
+    return Samples(name, signal.time, values, unit, sensor, kind)
 
 
 def _left_out(

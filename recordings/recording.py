@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -13,6 +13,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from foundation.errors import ChannelError, TimeError
 from recordings.names import suggestion
+from recordings.resample import Kind, resample
+
+if TYPE_CHECKING:
+    from recordings.signals import Signals
 
 UNIFORM_TOLERANCE = 1e-6
 """Steps that differ by less than this, relative to their median, count as equal."""
@@ -44,12 +48,14 @@ class Channel:
         values: Shape (n,), in `unit`; read-only.
         unit: As Modelica writes it (`rad/s`, `N.m`); empty where nobody said.
         sensor: What is known of its instrument.
+        kind: What happens between its samples.
     """
 
     name: str
     values: NDArray[np.float64]
     unit: str = ""
     sensor: Sensor = field(default_factory=Sensor)
+    kind: Kind = Kind.MEASURED
 
     def __post_init__(self) -> None:
         values = _read_only(self.values)
@@ -70,6 +76,8 @@ class Recording:
         channels: Channels by name, each with n finite values.
         origin: Where the numbers come from, for messages and reports.
         notes: What reading changed or left out, one sentence each.
+        raw: The signals as they were sampled, where the channels were interpolated; None where
+            the channels are the samples.
 
     Raises:
         TimeError: Time is too short, not finite or not increasing; says at which row. Rows are
@@ -87,6 +95,7 @@ class Recording:
     channels: Mapping[str, Channel]
     origin: str = "memory"
     notes: tuple[str, ...] = ()
+    raw: Signals | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "time", _read_only(self.time))
@@ -115,7 +124,7 @@ class Recording:
 
     def __reduce__(self) -> tuple[Any, ...]:
         # The read-only view of the channels cannot be pickled, and worker processes need it to be.
-        return Recording, (self.time, dict(self.channels), self.origin, self.notes)
+        return Recording, (self.time, dict(self.channels), self.origin, self.notes, self.raw)
 
     @property
     def sample_time(self) -> float:
@@ -141,9 +150,26 @@ class Recording:
                 where=self.origin,
                 remedy=f"the recording spans {self.time[0]:g} s to {self.time[-1]:g} s",
             )
-        return self._resampled(
+        part = self._resampled(
             self.time[first:last], {n: c.values[first:last] for n, c in self.channels.items()}
         )
+        return part if self.raw is None else replace(part, raw=self.raw.between(start, stop))
+
+    def parts(self, longest_gap: float | None = None) -> list[Recording]:
+        """Return the recording cut at its gaps; parts of a single sample are left out.
+
+        Args:
+            longest_gap: Steps longer than this, in s, are gaps; None: five median steps.
+
+        Example:
+            >>> time = np.array([0.0, 0.1, 0.2, 5.0, 5.1])
+            >>> [part.duration for part in Recording(time, {"x": Channel("x", time)}).parts()]
+            [0.2, 0.09999999999999964]
+        """
+        limit = LONGEST_GAP * self.sample_time if longest_gap is None else longest_gap
+        ends = np.flatnonzero(np.diff(self.time) > limit)
+        spans = zip([0, *(ends + 1)], [*ends, len(self) - 1], strict=True)
+        return [self.between(float(self.time[a]), float(self.time[b])) for a, b in spans if b > a]
 
     def select(self, names: Iterable[str]) -> Recording:
         """Return the recording with only the named channels, in that order.
@@ -151,7 +177,8 @@ class Recording:
         Raises:
             ChannelError: There is none of that name.
         """
-        return replace(self, channels={name: self[name] for name in names})
+        chosen = {name: self[name] for name in names}
+        return replace(self, channels=chosen, raw=self.raw and self.raw.select(chosen))
 
     def replace_values(self, values: Mapping[str, ArrayLike]) -> Recording:
         """Return the recording with other numbers in some of its channels.
@@ -163,14 +190,15 @@ class Recording:
             ChannelError: There is no such channel, or the numbers do not fit.
         """
         new = {n: replace(self[n], values=np.asarray(v, np.float64)) for n, v in values.items()}
-        return replace(self, channels={**self.channels, **new})
+        return replace(self, channels={**self.channels, **new}, raw=None)
 
     def with_notes(self, *notes: str) -> Recording:
         """Return the recording with further notes."""
         return replace(self, notes=(*self.notes, *notes))
 
     def uniform(self) -> Recording:
-        """Return the recording on equal steps: linear interpolation at about the median step.
+        """Return the recording on equal steps of about the median: measured channels by straight
+        lines, commands by their mean over each step, states held.
 
         First and last time stay; a recording that has equal steps already is returned as it is.
 
@@ -192,10 +220,12 @@ class Recording:
             raise TimeError(
                 f"a gap of {steps[longest]:.4g} s where the usual step is {median:.4g} s",
                 where=f"{self.origin}, after {self.time[longest]:.6g} s",
-                remedy="cut the recording there and use the parts one by one",
+                remedy="cut the recording there and use the parts one by one (Recording.parts)",
             )
         grid = np.linspace(self.time[0], self.time[-1], round(self.duration / median) + 1)
-        values = {n: np.interp(grid, self.time, c.values) for n, c in self.channels.items()}
+        values = {
+            n: resample(self.time, c.values, grid, c.kind).values for n, c in self.channels.items()
+        }
         note = f"interpolated linearly from uneven steps to equal ones of {grid[1] - grid[0]:.6g} s"
         return self._resampled(grid, values).with_notes(note)
 

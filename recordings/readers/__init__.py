@@ -6,16 +6,47 @@ from pathlib import Path
 
 from foundation.errors import FormatError
 from recordings.names import listing
-from recordings.readers.base import ColumnTable, RawSignal, RawTable, Reader
+from recordings.readers.asc import AscReader
+from recordings.readers.base import (
+    EVERYTHING,
+    ColumnTable,
+    RawSignal,
+    RawTable,
+    Reader,
+    Request,
+    Scope,
+)
 from recordings.readers.blf import BlfReader
 from recordings.readers.candump import CandumpReader
 from recordings.readers.csv import CsvReader
 from recordings.readers.mat import MatReader
+from recordings.readers.mf4 import Mf4Reader
+from recordings.readers.parquet import ParquetReader
+from recordings.readers.trc import TrcReader
 
-READERS: tuple[Reader, ...] = (CsvReader(), MatReader(), CandumpReader(), BlfReader())
+READERS: tuple[Reader, ...] = (
+    CsvReader(),
+    ParquetReader(),
+    MatReader(),
+    Mf4Reader(),
+    CandumpReader(),
+    BlfReader(),
+    AscReader(),
+    TrcReader(),
+)
 """Every format that can be read; a new one is added here."""
 
-__all__ = ["READERS", "ColumnTable", "RawSignal", "RawTable", "Reader", "reader_for"]
+__all__ = [
+    "EVERYTHING",
+    "READERS",
+    "ColumnTable",
+    "RawSignal",
+    "RawTable",
+    "Reader",
+    "Request",
+    "Scope",
+    "reader_for",
+]
 
 
 def reader_for(path: Path) -> Reader:

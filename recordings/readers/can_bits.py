@@ -2,8 +2,8 @@
 
 A DBC places a signal by start bit, length and byte order. For Intel order the start bit is the
 least significant one and bits count upwards through the bytes; for Motorola order it is the most
-significant one and the signal runs towards later bytes. Either way the signal is a whole number
-of neighbouring bytes, in one order or the other, shifted by less than a byte.
+significant one and the signal runs towards later bytes. Either way the signal is a field of
+neighbouring bits in a word of neighbouring bytes, read in one order or the other.
 """
 
 from __future__ import annotations
@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 from foundation.errors import ChannelError
 
 _FLOATS = {16: np.float16, 32: np.float32, 64: np.float64}
+_WORD = 8
+"""Bytes of a word."""
 
 
 def byte_span(signal: Signal) -> tuple[int, int, int]:
@@ -57,17 +59,7 @@ def raw_values(
             f"'{signal.name}' is a {kind} of {length} bits",
             remedy="leave it out: signals have up to 64 bits, floats 16, 32 or 64",
         )
-    first, last, shift = byte_span(signal)
-    significant = payload[:, first:last]
-    if signal.byte_order == "big_endian":
-        significant = significant[:, ::-1]
-    raw = np.zeros(len(payload), np.uint64)
-    for k in range(significant.shape[1]):
-        byte = significant[:, k].astype(np.uint64)
-        # A ninth byte, of a long signal off the byte's edge, loses its upper bits on purpose.
-        raw |= byte >> np.uint64(shift) if k == 0 else byte << np.uint64(8 * k - shift)
-    if length < 64:
-        raw &= np.uint64((1 << length) - 1)
+    raw = _field(signal, payload)
     if signal.is_float:
         unsigned = raw.astype(np.dtype(f"u{length // 8}"))
         return unsigned.view(_FLOATS[length])
@@ -86,6 +78,41 @@ def scaled_values(signal: Signal, payload: NDArray[np.uint8]) -> NDArray[np.floa
         >>> scaled_values(angle, np.array([[1], [255]], np.uint8)).tolist()
         [1.0, -1.0]
     """
+    return scaled(signal, raw_values(signal, payload))
+
+
+def scaled(
+    signal: Signal, raw: NDArray[np.integer[Any]] | NDArray[np.floating[Any]]
+) -> NDArray[np.float64]:
+    """Return physical values, shape (n,), of unscaled ones."""
     conversion = signal.conversion
-    raw = raw_values(signal, payload).astype(np.float64)
-    return raw * conversion.scale + conversion.offset
+    values = raw.astype(np.float64)
+    values *= float(conversion.scale)
+    values += float(conversion.offset)
+    return values
+
+
+def _field(signal: Signal, payload: NDArray[np.uint8]) -> NDArray[np.uint64]:
+    """Return a signal's bits as unsigned numbers, shape (n,)."""
+    first, last, shift = byte_span(signal)
+    little = signal.byte_order == "little_endian"
+    if last - first > _WORD:  # a long signal off the byte's edge: its ninth byte by itself
+        ninth = last - 1 if little else first
+        eight = first if little else first + 1
+        word = words(payload[:, eight : eight + _WORD], little)
+        upper = payload[:, ninth].astype(np.uint64) << np.uint64(64 - shift)
+        raw = (word >> np.uint64(shift)) | upper
+    else:
+        # Any word that has the signal will do: of a frame of eight bytes it is the whole frame.
+        begin = max(min(first, payload.shape[1] - _WORD), 0)
+        word = words(payload[:, begin : begin + _WORD], little)
+        shift += 8 * (first - begin if little else begin + _WORD - last)
+        raw = word >> np.uint64(shift) if shift else word
+    return raw & np.uint64((1 << signal.length) - 1)
+
+
+def words(part: NDArray[np.uint8], little: bool) -> NDArray[np.uint64]:
+    """Return bytes, shape (n, up to 8), as 64-bit words, shape (n,); missing bytes are zeros."""
+    if part.shape[1] < _WORD:
+        part = np.pad(part, ((0, 0), (0, _WORD - part.shape[1])))
+    return np.ascontiguousarray(part).view("<u8" if little else ">u8")[:, 0]

@@ -1,116 +1,28 @@
-"""CAN logs: frames as columns, and signals taken out of them as a DBC describes.
+"""CAN logs: frames sorted by message as they are read, and signals taken out of them by a DBC.
 
-A format only turns its file into `Frames` (`CanReader.frames`); all else is here.
+A format only turns its file into `Frames` (`CanReader.frames`), part by part; of each part only
+the frames are kept that carry a wanted signal, at 20 bytes a frame of up to 8 bytes of payload.
+What a log needs of memory is what is asked of it, not its length.
 """
 
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import cantools
 import numpy as np
-from cantools.database.can import Database, Message, Signal
+from cantools.database.can import Message, Signal
 from numpy.typing import NDArray
 
-from foundation.errors import ChannelError, FormatError, RecordingError, TimeError
+from foundation.errors import ChannelError, FormatError, TimeError
 from recordings.names import listing
-from recordings.readers.base import RawSignal, RawTable, Reader
-from recordings.readers.can_bits import byte_span, raw_values, scaled_values
-
-EXTENDED = 1 << 31
-"""Flag that tells a 29-bit identifier from an 11-bit one of the same number."""
-
-
-@dataclass(frozen=True, eq=False)
-class Frames:
-    """Data frames in the order of the log, as columns of n.
-
-    Attributes:
-        nanoseconds: Time stamps, ns, int64: exact where a float of seconds since 1970 is not.
-        identifier: CAN identifiers, uint32; those of 29 bits have the flag `EXTENDED`.
-        bus: Number of the bus, int64.
-        length: Bytes of payload, uint8.
-        payload: Bytes, shape (n, width), filled up with zeros.
-        error_frames: How many error frames were left out.
-        remote_frames: How many remote frames were left out.
-    """
-
-    nanoseconds: NDArray[np.int64]
-    identifier: NDArray[np.uint32]
-    bus: NDArray[np.int64]
-    length: NDArray[np.uint8]
-    payload: NDArray[np.uint8]
-    error_frames: int = 0
-    remote_frames: int = 0
-
-    def __len__(self) -> int:
-        return self.identifier.size
-
-    def __getitem__(self, rows: NDArray[np.bool_]) -> Frames:
-        return Frames(
-            self.nanoseconds[rows],
-            self.identifier[rows],
-            self.bus[rows],
-            self.length[rows],
-            self.payload[rows],
-            self.error_frames,
-            self.remote_frames,
-        )
-
-    @staticmethod
-    def joined(parts: Sequence[Frames]) -> Frames:
-        """Return the frames of all parts, one part after the other."""
-        width = max((part.payload.shape[1] for part in parts), default=0)
-        wide = [np.pad(p.payload, ((0, 0), (0, width - p.payload.shape[1]))) for p in parts]
-        return Frames(
-            np.concatenate([part.nanoseconds for part in parts]),
-            np.concatenate([part.identifier for part in parts]),
-            np.concatenate([part.bus for part in parts]),
-            np.concatenate([part.length for part in parts]),
-            np.concatenate(wide),
-            sum(part.error_frames for part in parts),
-            sum(part.remote_frames for part in parts),
-        )
-
-
-@dataclass
-class FrameList:
-    """Collects frames one by one; `frames` makes columns of them."""
-
-    error_frames: int = 0
-    remote_frames: int = 0
-    _nanoseconds: list[int] = field(default_factory=list[int])
-    _identifiers: list[int] = field(default_factory=list[int])
-    _buses: list[int] = field(default_factory=list[int])
-    _payloads: list[bytes] = field(default_factory=list[bytes])
-
-    def __len__(self) -> int:
-        return len(self._payloads)
-
-    def add(self, nanoseconds: int, identifier: int, bus: int, payload: bytes) -> None:
-        """Add a data frame; `identifier` has the flag `EXTENDED` where it has 29 bits."""
-        self._nanoseconds.append(nanoseconds)
-        self._identifiers.append(identifier)
-        self._buses.append(bus)
-        self._payloads.append(payload)
-
-    def frames(self) -> Frames:
-        """Return what was added."""
-        length = np.array([len(payload) for payload in self._payloads], np.uint8)
-        width = int(length.max(initial=0))
-        filled = b"".join(payload.ljust(width, b"\0") for payload in self._payloads)
-        return Frames(
-            np.array(self._nanoseconds, np.int64),
-            np.array(self._identifiers, np.uint32),
-            np.array(self._buses, np.int64),
-            length,
-            np.frombuffer(filled, np.uint8).reshape(len(length), width),
-            self.error_frames,
-            self.remote_frames,
-        )
+from recordings.readers import dbc as database
+from recordings.readers.base import EVERYTHING, RawSignal, RawTable, Reader, Request, Scope
+from recordings.readers.can_bits import byte_span, raw_values, scaled
+from recordings.readers.can_frames import WORD, Frames
+from recordings.readers.dbc import Messages, identifier_listing, places, read_dbc
 
 
 class CanReader(Reader):
@@ -124,7 +36,7 @@ class CanReader(Reader):
             FormatError: The log is damaged or not of this format; says at which line or byte.
         """
 
-    def read(self, path: Path, *, dbc: Path | None = None) -> RawTable:
+    def read(self, path: Path, *, dbc: Path | None = None, scope: Scope = EVERYTHING) -> RawTable:
         """Read the log; see `Reader.read`."""
         if dbc is None:
             raise FormatError(
@@ -132,28 +44,229 @@ class CanReader(Reader):
                 where=str(path),
                 remedy="name one with --dbc",
             )
-        messages = read_dbc(dbc)
-        known = np.array(list(messages), np.uint32)
-        parts: list[Frames] = []
-        identifiers: set[int] = set()
-        count, start = 0, None
-        for part in self.frames(path):
-            if len(part):
-                count += len(part)
-                start = int(part.nanoseconds[0]) if start is None else start
-                identifiers.update(np.unique(part.identifier).tolist())
-            parts.append(part[np.isin(part.identifier, known)])
-        if start is None:
-            raise FormatError("no frame in the log", where=str(path), remedy="record it again")
-        frames = Frames.joined(parts)
-        if not len(frames):
-            raise FormatError(
-                f"the DBC {dbc.name} describes none of the log's messages",
-                where=str(path),
-                remedy=f"give the DBC of this bus: the log has {_identifiers(identifiers)}; "
-                f"the DBC has {_identifiers(messages)}",
+        return table_of(self.frames(path), dbc, scope, str(path))
+
+
+def table_of(parts: Iterator[Frames], dbc: Path, scope: Scope, origin: str) -> CanTable:
+    """Read a log's frames through and return its signals.
+
+    Args:
+        parts: The frames, in the order of the log.
+        dbc: Describes the messages.
+        scope: What is kept of them.
+        origin: The file, for messages.
+
+    Raises:
+        FormatError: There is no frame, or none that the DBC describes; or as the parts.
+    """
+    messages = read_dbc(dbc)
+    log = _Log(messages, scope)
+    for part in parts:
+        log.add(part)
+    if log.start is None:
+        raise FormatError("no frame in the log", where=origin, remedy="record it again")
+    if not log.present:
+        own = [database.identifier(m) for m in messages.messages]
+        raise FormatError(
+            f"the DBC {dbc.name} describes none of the log's messages",
+            where=origin,
+            remedy=f"give the DBC of this bus: the log has {identifier_listing(log.strangers)}; "
+            f"the DBC has {identifier_listing(own)}",
+        )
+    return CanTable(log, origin)
+
+
+@dataclass(frozen=True, eq=False)
+class _Rows:
+    """Frames of one message, as columns of n; see `Frames`. Addresses are those of J1939."""
+
+    nanoseconds: NDArray[np.int64]
+    bus: NDArray[np.int16]
+    address: NDArray[np.uint8]
+    length: NDArray[np.uint8]
+    payload: NDArray[np.uint8]
+
+    def __len__(self) -> int:
+        return self.nanoseconds.size
+
+    def __getitem__(self, rows: NDArray[np.bool_] | slice) -> _Rows:
+        return _Rows(
+            self.nanoseconds[rows],
+            self.bus[rows],
+            self.address[rows],
+            self.length[rows],
+            self.payload[rows],
+        )
+
+
+@dataclass
+class _Log:
+    """What is kept of a log while it is read.
+
+    Attributes:
+        messages: Those of the DBC.
+        scope: What is wanted.
+        start: Stamp of the first frame, ns.
+        count: How many data frames there are.
+        described: How many of them the DBC describes.
+        present: Numbers of the messages that are in the log.
+        strangers: Identifiers, as long as the DBC describes none.
+        bus_names: By number; empty if the log has numbers only.
+        error_frames: How many were left out.
+        remote_frames: How many were left out.
+        passed_over: How many lines of the log are no frames.
+    """
+
+    messages: Messages
+    scope: Scope
+    start: int | None = None
+    count: int = 0
+    described: int = 0
+    present: set[int] = field(default_factory=set[int])
+    strangers: set[int] = field(default_factory=set[int])
+    bus_names: tuple[str, ...] = ()
+    error_frames: int = 0
+    remote_frames: int = 0
+    passed_over: int = 0
+    _parts: dict[int, list[_Rows]] = field(default_factory=dict[int, list[_Rows]])
+
+    def __post_init__(self) -> None:
+        self._wanted = np.array([self._is_wanted(m) for m in self.messages.messages])
+        # Multiplexed pages and long payloads: bytes beyond the last signal's are not kept.
+        self._width = [
+            max([WORD, *(byte_span(s)[1] for s in m.signals)]) for m in self.messages.messages
+        ]
+
+    def _is_wanted(self, message: Message) -> bool:
+        names = self.scope.names
+        return names is None or any(
+            s.name in names or f"{message.name}.{s.name}" in names for s in message.signals
+        )
+
+    def add(self, part: Frames) -> None:
+        """Keep what is wanted of the log's next frames."""
+        self.error_frames += part.error_frames
+        self.remote_frames += part.remote_frames
+        self.passed_over += part.passed_over
+        self.bus_names = tuple(part.bus_names)
+        if not len(part):
+            return
+        if self.start is None:
+            self.start = int(part.nanoseconds[0])
+        self.count += len(part)
+        number = self.messages.numbers(part.identifier)
+        known = np.flatnonzero(number >= 0)
+        self.described += known.size
+        self.present.update(np.flatnonzero(np.bincount(number[known])).tolist())
+        if not self.present:
+            self.strangers.update(np.unique(part.identifier).tolist())
+        rows = known[self._wanted[number[known]]]
+        if self.scope.bounded:
+            time = (part.nanoseconds[rows] - self.start) / 1e9
+            rows = rows[(time >= self.scope.start) & (time <= self.scope.stop)]
+        # Small numbers are sorted by radix, and a stable order is that of the log.
+        if not rows.size:
+            return
+        rows = rows[np.argsort(number[rows].astype(np.int16), kind="stable")]
+        ordered = number[rows]
+        first = np.flatnonzero(np.diff(ordered, prepend=-1))
+        for begin, end in zip(first, [*first[1:], rows.size], strict=True):
+            which = int(ordered[begin])
+            of_message = rows[begin:end]
+            self._parts.setdefault(which, []).append(
+                _Rows(
+                    part.nanoseconds[of_message],
+                    part.bus[of_message].astype(np.int16),
+                    part.identifier[of_message].astype(np.uint8),
+                    part.length[of_message],
+                    part.payload[of_message, : self._width[which]],
+                )
             )
-        return CanTable(frames, messages, start=start, count=count, origin=str(path))
+
+    def rows(self, number: int) -> _Rows:
+        """Return all frames of a message that were kept."""
+        parts = self._parts.get(number, [])
+        if len(parts) != 1:
+            width = max([WORD, *(part.payload.shape[1] for part in parts)])
+            parts = [
+                _Rows(
+                    np.concatenate([_NO_ROWS.nanoseconds, *(p.nanoseconds for p in parts)]),
+                    np.concatenate([_NO_ROWS.bus, *(p.bus for p in parts)]),
+                    np.concatenate([_NO_ROWS.address, *(p.address for p in parts)]),
+                    np.concatenate([_NO_ROWS.length, *(p.length for p in parts)]),
+                    np.concatenate([np.zeros((0, width), np.uint8), *_padded(parts, width)]),
+                )
+            ]
+            self._parts[number] = parts
+        return parts[0]
+
+    def bus_name(self, number: int) -> str:
+        """Return what the log, and the channel map, call a bus."""
+        return self.bus_names[number] if self.bus_names else str(number)
+
+    def notes(self) -> Iterator[str]:
+        """Yield what was left out."""
+        if self.start:
+            yield f"time 0 is the log's first frame, stamped {self.start / 1e9:.6f} s"
+        if others := self.count - self.described:
+            yield f"{others} of {self.count} frames are of messages that the DBC does not describe"
+        if self.error_frames:
+            yield f"{self.error_frames} error frames left out"
+        if self.remote_frames:
+            yield f"{self.remote_frames} remote frames left out"
+        if self.passed_over:
+            yield f"{self.passed_over} lines of the log are no frames"
+
+
+_NO_ROWS = _Rows(
+    np.zeros(0, np.int64),
+    np.zeros(0, np.int16),
+    np.zeros(0, np.uint8),
+    np.zeros(0, np.uint8),
+    np.zeros((0, WORD), np.uint8),
+)
+
+
+def _padded(parts: Sequence[_Rows], width: int) -> list[NDArray[np.uint8]]:
+    return [
+        part.payload
+        if part.payload.shape[1] == width
+        else np.pad(part.payload, ((0, 0), (0, width - part.payload.shape[1])))
+        for part in parts
+    ]
+
+
+@dataclass(frozen=True, eq=False)
+class _Sent:
+    """The frames of one message from one sender.
+
+    Attributes:
+        all_rows: As they are in the log.
+        rows: Those of increasing time.
+        time: Their times, s, shape (n,).
+        shortest: Bytes of the shortest payload.
+        notes: What was left out.
+    """
+
+    all_rows: _Rows
+    rows: _Rows
+    time: NDArray[np.float64]
+    shortest: int
+    notes: list[str]
+
+
+def _carrying(rows: _Rows, message: Message, signal: Signal, name: str) -> tuple[_Rows, list[str]]:
+    """Return the frames that carry a signal, and what was left out."""
+    notes: list[str] = []
+    multiplexers = database.selectors(message, signal)
+    needed = max(byte_span(s)[1] for s in (signal, *multiplexers))
+    if short := int(np.count_nonzero(rows.length < needed)):
+        notes.append(f"{short} frames of {message.name} are too short for '{name}'")
+        rows = rows[rows.length >= needed]
+    for carried, selector in zip((signal, *multiplexers), multiplexers, strict=False):
+        chosen = np.array(carried.multiplexer_ids or [], np.int64)
+        rows = rows[np.isin(raw_values(selector, rows.payload), chosen)]
+    return rows, notes
 
 
 class CanTable(RawTable):
@@ -163,71 +276,56 @@ class CanTable(RawTable):
     may always be used.
     """
 
-    def __init__(
-        self,
-        frames: Frames,
-        messages: Mapping[int, Message],
-        *,
-        start: int,
-        count: int,
-        origin: str,
-    ) -> None:
-        self._frames = frames
-        self._messages = messages
-        self._start = start
+    uses_dbc = True
+
+    def __init__(self, log: _Log, origin: str) -> None:
+        self._log = log
+        self._start = log.start or 0
         self.origin = origin
-        self._present = set(np.unique(frames.identifier).tolist())
-        self._places = _places(messages)
-        self.notes = tuple(_log_notes(frames, start, count))
+        self._messages = log.messages.messages
+        self._places = places(self._messages)
+        self._sent_frames: dict[tuple[int, str | None, int | None], _Sent] = {}
+        self.notes = tuple(log.notes())
 
     @property
     def names(self) -> tuple[str, ...]:
         """Signals of the messages that are in the log."""
         found: list[str] = []
-        for identifier, message in self._messages.items():
-            if identifier in self._present:
-                found += [
-                    s.name if len(self._places[s.name]) == 1 else f"{message.name}.{s.name}"
-                    for s in message.signals
-                ]
+        for number in sorted(self._log.present):
+            message = self._messages[number]
+            found += [
+                s.name if len(self._places[s.name]) == 1 else f"{message.name}.{s.name}"
+                for s in message.signals
+            ]
         return tuple(found)
 
-    def signals(self, names: Sequence[str]) -> list[RawSignal]:
-        """Decode the named signals; each has the time stamps of its own frames."""
-        return [self._signal(name) for name in names]
+    def signals(self, requests: Sequence[Request]) -> list[RawSignal]:
+        """Decode the requested signals; each has the time stamps of its own frames."""
+        return [self._signal(request) for request in requests]
 
-    def _signal(self, name: str) -> RawSignal:
-        identifier, message, signal = self._place(name)
-        rows = self._frames[self._frames.identifier == identifier]
-        if not len(rows):
+    def _signal(self, request: Request) -> RawSignal:
+        name = request.name
+        number, message, signal = self._place(name)
+        if number not in self._log.present:
             raise ChannelError(
-                f"signal '{name}' is in the DBC, but no frame of its message "
-                f"{message.name} ({_identifiers([identifier])}) is in the log",
+                f"signal '{name}' is in the DBC, but no frame of its message {message.name} "
+                f"({identifier_listing([database.identifier(message)])}) is in the log",
                 where=self.origin,
                 remedy=f"the log has: {listing(self.names)}",
             )
-        if rows.bus.min() != rows.bus.max():
-            buses = ", ".join(map(str, np.unique(rows.bus)))
-            raise ChannelError(
-                f"message {message.name} arrives on several buses ({buses})",
-                where=self.origin,
-                remedy="keep only the frames of one bus in the log",
-            )
-        notes: list[str] = []
-        selectors = _selectors(message, signal)
-        needed = max(byte_span(s)[1] for s in (signal, *selectors))
-        if short := int(np.count_nonzero(rows.length < needed)):
-            notes.append(f"{short} frames of {message.name} are too short for '{name}'")
-            rows = rows[rows.length >= needed]
-        for carried, selector in zip((signal, *selectors), selectors, strict=False):
-            chosen = np.array(carried.multiplexer_ids or [], np.int64)
-            rows = rows[np.isin(raw_values(selector, rows.payload), chosen)]
-        rows, repeated = self._increasing(rows, message)
-        if repeated:
-            notes.append(
-                f"{repeated} frames of {message.name} have the time stamp of the next: left out"
-            )
-        if len(rows) < 2:
+        sent = self._sent(number, message, request)
+        rows, time, notes = sent.rows, sent.time, list(sent.notes)
+        multiplexers = database.selectors(message, signal)
+        needed = max(byte_span(s)[1] for s in (signal, *multiplexers))
+        if multiplexers or sent.shortest < needed:
+            rows, more = _carrying(sent.all_rows, message, signal, name)
+            rows, time, repeated = self._in_time(rows, message)
+            notes = [*more, *repeated]
+        raw = raw_values(signal, rows.payload)
+        if (there := database.available(message, signal, raw)) is not None:
+            notes.append(f"{np.count_nonzero(~there)} values of '{name}' say that there is none")
+            time, raw = time[there], raw[there]
+        if time.size < 2:
             raise ChannelError(
                 "; ".join([f"signal '{name}' has fewer than two values", *notes]),
                 where=self.origin,
@@ -235,17 +333,31 @@ class CanTable(RawTable):
             )
         return RawSignal(
             name,
-            scaled_values(signal, rows.payload),
-            (rows.nanoseconds - self._start) / 1e9,
+            scaled(signal, raw),
+            time,
             signal.unit or None,
             None if signal.is_float else abs(float(signal.conversion.scale)),
+            database.is_state(signal),
             tuple(notes),
         )
 
-    def _increasing(self, rows: Frames, message: Message) -> tuple[Frames, int]:
-        """Return the frames without those whose stamp repeats, and how many those were."""
+    def _sent(self, number: int, message: Message, request: Request) -> _Sent:
+        """Return a message's frames in increasing time; its signals share them."""
+        key = (number, request.bus, request.address)
+        if key not in self._sent_frames:
+            all_rows = self._from_one_sender(self._log.rows(number), message, request)
+            rows, time, notes = self._in_time(all_rows, message)
+            shortest = int(rows.length.min(initial=255))
+            self._sent_frames[key] = _Sent(all_rows, rows, time, shortest, notes)
+        return self._sent_frames[key]
+
+    def _in_time(
+        self, rows: _Rows, message: Message
+    ) -> tuple[_Rows, NDArray[np.float64], list[str]]:
+        """Return frames without those whose stamp repeats, their times, and what was left out."""
         steps = np.diff(rows.nanoseconds)
-        if np.any(steps < 0):
+        least = int(steps.min(initial=1))
+        if least < 0:
             k = int(np.argmax(steps < 0)) + 1
             before, after = (rows.nanoseconds[k - 1 : k + 1] - self._start) / 1e9
             raise TimeError(
@@ -253,17 +365,63 @@ class CanTable(RawTable):
                 where=f"{self.origin}, message {message.name}, its frame {k + 1}",
                 remedy="cut the log there: two recordings may have been put into one file",
             )
-        last_of_stamp = np.append(steps > 0, True)[: len(rows)]
-        return rows[last_of_stamp], int(np.count_nonzero(~last_of_stamp))
+        notes: list[str] = []
+        if least == 0:
+            repeated = int(np.count_nonzero(steps == 0))
+            notes.append(
+                f"{repeated} frames of {message.name} have the time stamp of the next: left out"
+            )
+            rows = rows[np.append(steps > 0, True)]
+        return rows, (rows.nanoseconds - self._start) / 1e9, notes
+
+    def _from_one_sender(self, rows: _Rows, message: Message, request: Request) -> _Rows:
+        """Return the frames of the bus and the sender that are asked for, or of the only one."""
+        if not len(rows):
+            return rows
+        numbers = [rows.bus[0]] if rows.bus.min() == rows.bus.max() else np.unique(rows.bus)
+        buses = dict(sorted((self._log.bus_name(int(bus)), int(bus)) for bus in numbers))
+        if request.bus is not None:
+            if request.bus not in buses:
+                raise self._not_there(message, f"on bus {request.bus}", "bus", list(buses))
+            rows = rows[rows.bus == buses[request.bus]]
+        elif len(buses) > 1:
+            raise ChannelError(
+                f"message {message.name} arrives on several buses ({', '.join(buses)})",
+                where=self.origin,
+                remedy=f'choose one in the channel map: bus = "{next(iter(buses))}"',
+            )
+        if not database.is_j1939(message):
+            return rows
+        addresses = [int(address) for address in np.unique(rows.address)]
+        if request.address is not None:
+            if request.address not in addresses:
+                what = f"from address {request.address}"
+                raise self._not_there(message, what, "address", [str(a) for a in addresses])
+            return rows[rows.address == request.address]
+        if len(addresses) > 1:
+            raise ChannelError(
+                f"message {message.name} comes from several addresses "
+                f"({', '.join(map(str, addresses))})",
+                where=self.origin,
+                remedy=f"choose one in the channel map: address = {addresses[0]}",
+            )
+        return rows
+
+    def _not_there(self, message: Message, what: str, key: str, there: list[str]) -> ChannelError:
+        return ChannelError(
+            f"no frame of message {message.name} is {what}",
+            where=self.origin,
+            remedy=f"correct {key} in the channel map; there are: {listing(there)}",
+        )
 
     def _place(self, name: str) -> tuple[int, Message, Signal]:
         message_name, dot, signal_name = name.rpartition(".")
-        places = self._places.get(signal_name if dot else name, [])
+        found = self._places.get(signal_name if dot else name, [])
         if dot:
-            places = [place for place in places if place[1].name == message_name]
-        if not places:
+            found = [place for place in found if place[1].name == message_name]
+        if not found:
             raise self.missing(name, kind="signal")
-        present = [place for place in places if place[0] in self._present] or places
+        present = [place for place in found if place[0] in self._log.present] or found
         if len(present) > 1:
             longer = [f"{message.name}.{name}" for _, message, _ in present]
             raise ChannelError(
@@ -272,67 +430,3 @@ class CanTable(RawTable):
                 remedy=f"write source as {' or '.join(longer)}",
             )
         return present[0]
-
-
-def read_dbc(path: Path) -> dict[int, Message]:
-    """Read a DBC file; return its messages by identifier, flagged `EXTENDED` for 29 bits.
-
-    Raises:
-        RecordingError: There is no such file.
-        FormatError: It cannot be parsed, or describes no message; says at which line.
-    """
-    try:
-        # Not strict: signals that overlap are common in real files, and do no harm in reading.
-        database = cantools.database.load_file(path, database_format="dbc", strict=False)
-    except OSError as error:
-        raise RecordingError(
-            f"the DBC file cannot be read: {error.strerror}",
-            where=str(path),
-            remedy="correct --dbc",
-        ) from error
-    except Exception as error:  # parser, number and text errors of three libraries
-        raise FormatError(
-            f"not a DBC file: {' '.join(str(error).split())}",
-            where=str(path),
-            remedy="repair the line, or export the DBC again",
-        ) from error
-    messages = database.messages if isinstance(database, Database) else []
-    if not messages:
-        raise FormatError(
-            "the DBC describes no message", where=str(path), remedy="is it the right file?"
-        )
-    return {m.frame_id | (EXTENDED if m.is_extended_frame else 0): m for m in messages}
-
-
-def _places(messages: Mapping[int, Message]) -> dict[str, list[tuple[int, Message, Signal]]]:
-    places: dict[str, list[tuple[int, Message, Signal]]] = {}
-    for identifier, message in messages.items():
-        for signal in message.signals:
-            places.setdefault(signal.name, []).append((identifier, message, signal))
-    return places
-
-
-def _selectors(message: Message, signal: Signal) -> list[Signal]:
-    """Return the multiplexers that say whether a frame carries a signal, the nearest first."""
-    if not signal.multiplexer_signal:
-        return []
-    selector = message.get_signal_by_name(signal.multiplexer_signal)
-    return [selector, *_selectors(message, selector)]
-
-
-def _log_notes(frames: Frames, start: int, count: int) -> Iterator[str]:
-    if start:
-        yield f"time 0 is the log's first frame, stamped {start / 1e9:.6f} s"
-    if others := count - len(frames):
-        yield f"{others} of {count} frames are of messages that the DBC does not describe"
-    if frames.error_frames:
-        yield f"{frames.error_frames} error frames left out"
-    if frames.remote_frames:
-        yield f"{frames.remote_frames} remote frames left out"
-
-
-def _identifiers(identifiers: Mapping[int, Message] | Sequence[int] | set[int]) -> str:
-    return listing(
-        [f"0x{i & ~EXTENDED:08X}" if i & EXTENDED else f"0x{i:03X}" for i in sorted(identifiers)],
-        most=8,
-    )

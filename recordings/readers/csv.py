@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 
 from foundation.errors import ChannelError, FormatError
-from recordings.readers.base import RawSignal, RawTable, Reader
+from recordings.readers.base import EVERYTHING, RawSignal, RawTable, Reader, Request, Scope
 
 FIRST_ROW_LINE = 2
 """Line of the file on which the first row of numbers stands: the header is line 1."""
@@ -23,9 +23,9 @@ class CsvReader(Reader):
 
     suffixes = (".csv",)
 
-    def read(self, path: Path, *, dbc: Path | None = None) -> RawTable:
+    def read(self, path: Path, *, dbc: Path | None = None, scope: Scope = EVERYTHING) -> RawTable:
         """Read the file; see `Reader.read`."""
-        del dbc
+        del dbc, scope
         try:
             # Blank lines at the end are nothing; any other would shift the line numbers below.
             text = path.read_text(encoding="utf-8-sig").rstrip()
@@ -78,8 +78,8 @@ class _CsvTable(RawTable):
     def names(self) -> tuple[str, ...]:
         return tuple(self._columns)
 
-    def signals(self, names: Sequence[str]) -> list[RawSignal]:
-        return [self._signal(name) for name in names]
+    def signals(self, requests: Sequence[Request]) -> list[RawSignal]:
+        return [self._signal(self.plain(request)) for request in requests]
 
     def _signal(self, name: str) -> RawSignal:
         if name not in self._columns:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from foundation.errors import FormatError
 from recordings.names import listing
 from recordings.readers import mat5
-from recordings.readers.base import ColumnTable, RawTable, Reader
+from recordings.readers.base import EVERYTHING, ColumnTable, RawTable, Reader, Scope
 
 
 class MatReader(Reader):
@@ -22,9 +22,9 @@ class MatReader(Reader):
 
     suffixes = (".mat",)
 
-    def read(self, path: Path, *, dbc: Path | None = None) -> RawTable:
+    def read(self, path: Path, *, dbc: Path | None = None, scope: Scope = EVERYTHING) -> RawTable:
         """Read the file; see `Reader.read`."""
-        del dbc
+        del dbc, scope
         file = path.read_bytes()
         if file[:10] == b"MATLAB 7.3":
             raise FormatError(

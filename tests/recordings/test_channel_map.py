@@ -3,7 +3,7 @@
 import pytest
 
 from foundation.errors import ChannelError, FormatError, RecordingError
-from recordings import ChannelSource, Sensor, TimeSource, parse_map, read_map
+from recordings import ChannelSource, Kind, Sensor, TimeSource, parse_map, read_map
 
 
 def test_a_full_map():
@@ -13,6 +13,24 @@ def test_a_full_map():
     )
     assert mapping.channels == {"q": ChannelSource("qm", "mm", Sensor(1e-4, 1e-5, 1.0))}
     assert mapping.time == TimeSource("t", "ms")
+
+
+def test_what_makes_a_channel_of_a_signal():
+    mapping = parse_map(
+        '[channels.q]\nfactor = -1\noffset = -0.02\nkind = "command"\nbus = 1\naddress = 0x21\n'
+        '[channels.p]\nbus = "can1"\n[time]\nstep = 0.01\nclock = "software"'
+    )
+    q = mapping.channels["q"]
+    assert (q.factor, q.offset, q.kind, q.bus, q.address) == (-1, -0.02, Kind.COMMAND, "1", 0x21)
+    assert mapping.channels["p"].bus == "can1"
+    assert mapping.time == TimeSource(step=0.01, software_clock=True)
+    assert not parse_map('[time]\nclock = "hardware"').time.software_clock
+
+
+def test_a_later_map_adds_keys():
+    first = parse_map('[channels.q]\nfactor = -1\nkind = "state"')
+    both = first.updated(parse_map("[channels.q]\noffset = 2\nfactor = 3")).channels["q"]
+    assert (both.factor, both.offset, both.kind) == (3, 2, Kind.STATE)
 
 
 def test_everything_may_be_left_out():
@@ -46,6 +64,13 @@ def test_a_later_map_wins_where_it_speaks():
         ("[channels.q]\nsd = -1", ChannelError, ["'sd' is -1", "not negative"]),
         ("[channels.q]\ndelay = nan", ChannelError, ["'delay' is nan"]),
         ("[channels.q]\nresolution = true", ChannelError, ["'resolution' is True"]),
+        ("[channels.q]\nfactor = 0", ChannelError, ["'factor' is 0", "leave the channel out"]),
+        ("[channels.q]\nfactor = inf", ChannelError, ["'factor' is inf", "finite number"]),
+        ("[channels.q]\nkind = 'input'", ChannelError, ["'kind' is 'input'", "command, state"]),
+        ("[channels.q]\nkind = 1", ChannelError, ["'kind' is not a text"]),
+        ("[channels.q]\nbus = 1.5", ChannelError, ["'bus' is not a text"]),
+        ("[channels.q]\naddress = 300", ChannelError, ["'address' is 300", "0 to 253"]),
+        ("[time]\nclock = 'atomic'", ChannelError, ["[time]", "'atomic'", "hardware, software"]),
         ("[time]\nstep = 0", ChannelError, ["'step'", "above 0"]),
         ("[time]\nstep = 1\nsource = 't'", ChannelError, ["'step'", "without a time column"]),
     ],

@@ -16,7 +16,7 @@ import pytest
 import scipy.io
 
 from foundation.errors import FormatError, RecordingError, UnknownNameError
-from recordings import fetch, list_sets, load, parse_map
+from recordings import fetch, list_sets, load, load_signals, parse_map
 from recordings.datasets import DataFile, DataSet, files
 
 NAMES = [data_set.name for data_set in list_sets()]
@@ -191,16 +191,32 @@ def test_the_car_is_what_python_can_and_cantools_read():
     start = frames[0].timestamp
     chosen = [f for f in frames if f.arbitration_id == message.frame_id]
     time = np.array([f.timestamp - start for f in chosen])
-    steering = np.deg2rad([message.decode(f.data)["STEER_ANGLE"] for f in chosen])
+    steering = -np.deg2rad([message.decode(f.data)["STEER_ANGLE"] for f in chosen])
     np.testing.assert_allclose(run["delta"].values, np.interp(run.time, time, steering), atol=1e-6)
     assert run["delta"].sensor.resolution == pytest.approx(np.deg2rad(0.1))
     assert run.duration == pytest.approx(90.24, abs=0.01)
 
 
 @real
-def test_a_set_without_a_reader_says_which_there_are():
-    with pytest.raises(FormatError, match=r"no reader for '\.MF4' files .*\.blf"):
-        load("css-gnss")
+def test_the_logger_is_what_asammdf_and_cantools_read():
+    import asammdf
+
+    files_of_set = fetch("css-gnss")
+    run = load_signals("css-gnss", variables={"Speed": "m/s", "AngularRateZ": "deg/s"})
+    with asammdf.MDF(files_of_set.data) as file:
+        names = [c.name for c in file.groups[0].channels]
+        start = file.get(group=0, index=names.index("CAN_DataFrame")).timestamps[0]
+        decoded = file.extract_bus_logging({"CAN": [(files_of_set.dbc, 0)]})
+        for name, signal in run.samples.items():
+            expected = decoded.get(name)
+            np.testing.assert_allclose(signal.time, expected.timestamps - start, atol=1e-9)
+            np.testing.assert_allclose(signal.values, expected.samples, rtol=1e-12)
+        decoded.close()
+    assert len(run["Speed"]) == 355
+    assert len(run["AngularRateZ"]) == 36884
+    recording = load("css-gnss", variables={"Speed": "m/s", "AngularRateZ": "rad/s"})
+    assert "interpolated to the times of 'AngularRateZ': Speed" in recording.notes
+    assert len(recording.raw["Speed"]) == 355
 
 
 @real

@@ -2,10 +2,13 @@
 
 import gzip
 
+import asammdf
 import can
 import cantools
 import numpy as np
 import pandas as pd
+import pyarrow
+import pyarrow.parquet
 import pytest
 import scipy.io
 
@@ -54,9 +57,30 @@ def write_packed(path):
     plain.unlink()
 
 
+def write_parquet(path):
+    frame = pd.DataFrame({"time": TIME, "q": Q / 1000, "v": V / 100})
+    table = pyarrow.Table.from_pandas(frame, preserve_index=False)
+    units = {"q": "m", "v": "m/s"}
+    fields = [
+        f.with_metadata({"unit": units[f.name]} if f.name in units else {}) for f in table.schema
+    ]
+    pyarrow.parquet.write_table(table.cast(pyarrow.schema(fields)), path)
+
+
+def write_mf4(path):
+    with asammdf.MDF(version="4.10") as file:
+        signals = [("q", Q / 1000, "m"), ("v", V / 100, "m/s")]
+        file.append([asammdf.Signal(x, TIME, name=n, unit=u) for n, x, u in signals])
+        file.save(path, overwrite=True)
+
+
 WRITERS = {
     ".csv": write_csv,
+    ".parquet": write_parquet,
     ".mat": write_mat,
+    ".mf4": write_mf4,
+    ".asc": write_can,
+    ".trc": write_can,
     ".log": write_can,
     ".log.gz": write_packed,
     ".blf": write_can,
@@ -80,7 +104,8 @@ def test_round_trip(written):
     path, dbc = written
     run = load(path, dbc=dbc, variables={"v": "m/s", "q": "m"})
     assert list(run.channels) == ["v", "q"]
-    np.testing.assert_allclose(run.time, TIME, rtol=0, atol=1e-9)
+    # PEAK's stamps are days since 1899 and milliseconds.
+    np.testing.assert_allclose(run.time, TIME, rtol=0, atol=1e-6 if path.suffix == ".trc" else 1e-9)
     np.testing.assert_allclose(run["q"].values, Q / 1000, rtol=1e-14, atol=1e-15)
     np.testing.assert_allclose(run["v"].values, V / 100, rtol=1e-14, atol=1e-15)
     assert run.origin == str(path)
@@ -116,7 +141,7 @@ def test_a_cut_file_is_an_error_with_place_and_remedy(written, size):
     result = attempt(path, dbc)
     if isinstance(result, Recording):
         # Text cut within its last number, or between two bytes, cannot be told from a whole file.
-        assert path.suffix in (".csv", ".log")
+        assert path.suffix in (".csv", ".log", ".asc", ".trc")
         sure = len(result) - (path.suffix == ".csv")
         np.testing.assert_allclose(result["q"].values[:sure], Q[:sure] / 1000, atol=1e-15)
         np.testing.assert_allclose(result["v"].values[:sure], V[:sure] / 100, atol=1e-15)
@@ -156,6 +181,8 @@ def test_a_missing_file_offers_its_neighbours(written):
 def test_unknown_suffix_lists_the_known_ones(tmp_path):
     path = tmp_path / "run.xlsx"
     path.write_bytes(b"PK")
-    with pytest.raises(FormatError, match=r"'\.xlsx'.*convert it to one of: \.csv, \.mat"):
+    with pytest.raises(
+        FormatError, match=r"'\.xlsx'.*convert it to one of: \.csv, \.parquet, \.mat"
+    ):
         load(path)
     assert reader_for(path.with_name("RUN.LOG.GZ")) is reader_for(path.with_name("a.log"))
