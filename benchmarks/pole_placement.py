@@ -65,7 +65,9 @@ def errors_2d(runs: int, seed: int, first: int, steps: int = 10, **options: floa
     data = truth.run_2d(runs, seed, gain(A0, B0, wanted), **options)
     found = [
         METHODS["published"](1).solve(
-            Samples(data.states[s, first : first + steps + 1], data.inputs[s, first : first + steps]),
+            Samples(
+                data.states[s, first : first + steps + 1], data.inputs[s, first : first + steps]
+            ),
             wanted,
         )
         for s in range(runs)
@@ -106,7 +108,9 @@ def run() -> Iterator[Figure]:
     yield Figure("noisy robot, auto: ΔA1", float(best[0][1]), 0.025)
     for part in (0, 1):
         for name, ours, theirs in zip(ERRORS, best[part], two_step[part], strict=True):
-            yield Figure(f"auto / two-step + prefilter: {name}{part + 1}", float(ours / theirs), 1.0)
+            yield Figure(
+                f"auto / two-step + prefilter: {name}{part + 1}", float(ours / theirs), 1.0
+            )
     yield Figure("auto, one subsystem", seconds, None, "s")
     for first, expected in ((10, 392.0), (50, 1.04), (90, 6e-5)):
         got = float(np.median(errors_2d(SEEDS, 20262, first)))

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import matrix_balance
 from scipy.optimize import linear_sum_assignment
 from scipy.signal import place_poles
 
@@ -194,17 +195,8 @@ def gain(A: Matrix, B: Matrix, poles: Poles) -> Matrix:
 def _balance(A: Matrix, B: Matrix) -> Vector:
     """Return scales of the states in which A and B have rows and columns of like size."""
     joint = np.block([[A, B], [np.zeros((B.shape[1], sum(B.shape)))]])
-    scale = np.ones(len(A))
-    for _ in range(20):
-        scaled = np.abs(joint[: len(A)]).copy()
-        scaled[:, : len(A)] *= scale[None, :]
-        scaled /= scale[:, None]
-        inner = scaled[:, : len(A)] * (1 - np.eye(len(A)))
-        rows = inner.sum(axis=1) + scaled[:, len(A) :].sum(axis=1)
-        columns = inner.sum(axis=0)
-        ok = (rows > 0) & (columns > 0)
-        scale[ok] *= np.sqrt(rows[ok] / columns[ok])
-    return scale / np.exp(np.mean(np.log(scale)))
+    _, (scale, _) = matrix_balance(joint, permute=False, separate=True)
+    return floats(scale[: len(A)])
 
 
 def _ackermann(A: Matrix, B: Matrix, poles: Poles) -> Matrix:

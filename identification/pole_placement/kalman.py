@@ -109,10 +109,10 @@ def run_filter(model: Noisy, states: Matrix, inputs: Matrix) -> Filtered:
     covariances: list[Matrix] = []
     gains: list[Matrix] = []
     driven, measured = inputs @ model.B.T, states[1:]
-    now = A @ R @ A.T + Q
-    x = A @ states[0] + driven[0]
     gain, settled = R, False
     with np.errstate(over="ignore", invalid="ignore"):
+        now = A @ R @ A.T + Q
+        x = A @ states[0] + driven[0]
         for k in range(len(inputs)):
             predicted[k] = x
             errors[k] = error = measured[k] - x

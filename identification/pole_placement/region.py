@@ -12,6 +12,7 @@ from identification.pole_placement.samples import Matrix, Samples, Vector
 
 _BINS = 10
 _LEAST_IN_BIN = 8
+_INNER = 3
 _GROWTH = 2.0
 
 
@@ -38,10 +39,11 @@ def region(
 ) -> Mapping[str, Reach]:
     """Return, for every state, how far the model x(k+1) = A x(k) + B u(k) holds.
 
-    It ends where, from some |x| on outwards, the one-step error of some state is both twice that in
-    the half of the samples that are nearest to the equilibrium and more than `tolerance` of
-    what that state changes from sample to sample: noise alone does not grow outwards, and growth
-    that is too small to matter is no end. States that grow together end together.
+    Along each state it ends where, from some |x| on outwards, the one-step error of some state is
+    both twice that among the three tenths of the samples with the least |x|, and more than
+    `tolerance` of what the erring state changes from sample to sample: noise alone does not grow
+    outwards, and growth that is too small to matter is no end. States that grow together end
+    together.
 
     Args:
         samples: Steps to judge by, not only those of the fit.
@@ -67,11 +69,7 @@ def region(
     residual = after - before @ A.T - samples.inputs @ B.T
     change = np.sqrt(np.mean((after - before) ** 2, axis=0))
     change = np.where(change > 0, change, 1.0)
-    size = np.sqrt(np.mean(before**2, axis=0))
-    distance = np.max(np.abs(before) / np.where(size > 0, size, 1.0), axis=1)
-    inner = distance <= np.median(distance)
     squares = (residual / change) ** 2
-    reference = np.sqrt(np.mean(squares[inner], axis=0))
     found: dict[str, Reach] = {}
     for i, name in enumerate(samples.state_names):
         amplitude = np.abs(before[:, i])
@@ -80,6 +78,7 @@ def region(
         parts = [order[a:b] for a, b in pairwise(cuts.tolist())]
         errors = np.sqrt([np.mean(squares[part], axis=0) for part in parts])
         edges = np.array([amplitude[part[0]] for part in parts] + [amplitude[order[-1]]])
+        reference = np.sqrt(np.mean(errors[:_INNER] ** 2, axis=0))
         bad = np.any((errors > _GROWTH * reference) & (errors > tolerance), axis=1)
         outwards = np.logical_and.accumulate(bad[::-1])[::-1]
         end = float(edges[int(np.argmax(outwards))]) if outwards.any() else np.inf
