@@ -46,7 +46,7 @@ static void substitute(int n, const double *factors, const int *pivots, double *
 /* Solve A y = b in place; A is destroyed. */
 static bool solve_linear(int n, double *A, double *b)
 {
-    int pivots[ROOM(N_STATES + N_INITIAL + N_RELATIONS)];
+    int pivots[ROOM(N_STATES + N_INITIAL + N_RELATIONS + N_LOOPS)];
     if (!factorise(n, A, pivots))
         return false;
     substitute(n, A, pivots, b);

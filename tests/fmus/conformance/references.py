@@ -11,7 +11,7 @@ from scipy.linalg import expm
 from scipy.optimize import brentq, fsolve
 
 REFERENCES = {}
-STOP = {"RestingBall": 9.0}
+STOP = {"RestingBall": 30.0}
 """End time [s] where it is not 1.2."""
 
 
@@ -250,9 +250,9 @@ def reinit(t):
 
 @reference
 def resting_ball(t):
-    height, count = bounces(t, 0.9, last=100)
+    height, count = bounces(t, 0.97, last=100)
     assert count == 100
-    return {"h": height, "n": np.where(t > 8.99, 100.0, np.nan)}
+    return {"h": height, "n": np.where(t > 29, 100.0, np.nan)}
 
 
 @reference

@@ -9,6 +9,6 @@ equation
   when h < 0 and pre(flying) then
     n = pre(n) + 1;
     flying = pre(n) < 99;
-    reinit(v, if pre(n) < 99 then -0.9 * pre(v) else 0);
+    reinit(v, if pre(n) < 99 then -0.97 * pre(v) else 0);
   end when;
 end RestingBall;
