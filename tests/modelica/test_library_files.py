@@ -27,6 +27,7 @@ SIMULATED = [
     )
     for name in names_in(folder)
 ]
+PERIODIC = {"Imbalance", "Cogging", "ForceRipple", "Eccentricity"}
 EFFECTS = [name for name in SIMULATED if ".Effects." in name]
 KNOWN = "annotation(__twinproof(known = true))"
 by_class = pytest.mark.parametrize("path", CLASSES, ids=class_name)
@@ -41,7 +42,7 @@ def declaration(name: str, parameter: str) -> str:
 
 
 def test_the_library_is_all_there() -> None:
-    assert len(SIMULATED) == 7 + 9 + 9 + 7 + 2
+    assert len(SIMULATED) == 7 + 16 + 14 + 16 + 2
     assert len(CLASSES) == len(SIMULATED) + 9
 
 
@@ -107,15 +108,20 @@ def test_either_folder_serves_as_root(root: Path) -> None:
 @pytest.mark.parametrize("name", EFFECTS)
 def test_parameters_of_an_effect_follow_the_conventions(name: str) -> None:
     """Main ones default to 0 and have a nominal; others are bounded shapes or known widths."""
-    public = [p for p in load_class(name).parameters if p.name not in {"T_r", "x_start"}]
+    public = [
+        p
+        for p in load_class(name).parameters
+        if p.kind != "structural" and not p.name.endswith("_start")
+    ]
     main = [p for p in public if p.value == 0]
-    assert len(main) == 1
-    assert main[0].nominal is not None
-    assert main[0].nominal > 0
+    # A periodic effect has a phase, of which nothing is known beforehand.
+    assert len(main) == (2 if name.rpartition(".")[2] in PERIODIC else 1)
+    for parameter in main:
+        assert parameter.nominal is not None
+        assert parameter.nominal > 0
+        assert KNOWN not in declaration(name, parameter.name)
     for parameter in public:
-        if parameter is main[0]:
-            assert KNOWN not in declaration(name, parameter.name)
-        elif KNOWN not in declaration(name, parameter.name):
+        if parameter.value != 0 and KNOWN not in declaration(name, parameter.name):
             assert parameter.min < parameter.value < parameter.max
 
 
@@ -145,7 +151,15 @@ def test_plant_declares_what_is_known_and_where_states_start(plant: str, known: 
         assert model.parameters[parameter].min is not None
 
 
-OF_POWER = {"d": (1, 1), "d_a": (1, 1), "c": (2, 2), "k": (1, 0), "k3": (3, 0)}
+# Parameters that multiply a power of position and of rate.
+OF_POWER = {
+    "d": (1, 1), "d_a": (1, 1), "d_w": (1, 1), "c": (2, 2),
+    "k": (1, 0), "k_e": (1, 0), "k_h": (1, 0), "k3": (3, 0),
+}  # fmt: skip
+OF_TIME = {"T_b": "s", "T_w": "s", "f_n": "Hz", "omega_n": "rad/s"}
+NUMBERS = {"n", "r_s", "zeta", "z_start"}
+POSITIONS = {"phi_b", "phi_e", "phi_y", "s_b", "s_e", "s_y", "p", "x_start"}
+RATES = {"w_0", "w_r", "w_s", "w_f_start", "v_0", "v_r", "v_s", "v_f_start"}
 
 
 @pytest.mark.parametrize("name", [n for n in EFFECTS if ".Signal." not in n])
@@ -157,7 +171,16 @@ def test_units_make_a_torque_or_a_force(name: str) -> None:
             power, seconds = OF_POWER[parameter.name]
             product = f"{parameter.unit}.{angle}{power}" + (f"/s{seconds}" if seconds else "")
             assert factor_and_offset(product, effort) == pytest.approx((1.0, 0.0))
-        elif parameter.name in {"w_0", "w_s", "v_0", "v_s"}:
+        elif parameter.name in {"J_f", "m_f"}:
+            product = f"{parameter.unit}.{angle}/s2"
+            assert factor_and_offset(product, effort) == pytest.approx((1.0, 0.0))
+        elif parameter.name in OF_TIME:
+            assert parameter.unit == OF_TIME[parameter.name]
+        elif parameter.name in NUMBERS:
+            assert parameter.unit == "1"
+        elif parameter.name in POSITIONS:
+            assert parameter.unit == angle
+        elif parameter.name in RATES:
             assert parameter.unit == rate
         else:
             assert parameter.unit == effort

@@ -126,7 +126,8 @@ def furuta() -> Mechanism:
         l0 * sp.sin(a) + l1 * sp.cos(a) * sp.sin(b),
         -l1 * sp.cos(b),
     ]
-    speed2 = sp.simplify(sum(part.diff(t) ** 2 for part in place))
+    squares: Any = sum(part.diff(t) ** 2 for part in place)
+    speed2 = sp.simplify(squares)
     kinetic = m * speed2 + 0.0035 * a.diff(t) ** 2 + (0.79e-3 - m * l1**2) * b.diff(t) ** 2
     motor = 0.0706 / 0.9 * (0.0618 * u - 0.0707 * a.diff(t))
     friction = 0.0169 * a.diff(t) + 0.0351 * sp.tanh(15 * a.diff(t))
