@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import sys
 
-NAMES = ("emps", "demo", "hidden")
+NAMES = ("emps", "demo", "hidden", "fmus", "running", "recordings", "pole_placement")
 
 
 def main(names: list[str]) -> int:

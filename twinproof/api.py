@@ -51,7 +51,13 @@ def read_recording(
     Raises:
         RecordingError: The data are not there, damaged, or do not fit the model.
     """
-    return load_recording(data, variables=model.variables, channel_map=channel_map, dbc=dbc)
+    return load_recording(
+        data,
+        variables=model.variables,
+        channel_map=channel_map,
+        dbc=dbc,
+        inputs=[v.name for v in model.dae.inputs],
+    )
 
 
 @dataclass(frozen=True)

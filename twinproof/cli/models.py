@@ -168,8 +168,9 @@ def simulate(
     output = Output(json_path)
     inputs = None
     if input_data is not None:
+        driven = _inputs(model, modelica_path)
         recording = load_recording(
-            input_data, variables=_inputs(model, modelica_path), channel_map=channel_map, dbc=dbc
+            input_data, variables=driven, channel_map=channel_map, dbc=dbc, inputs=list(driven)
         )
         inputs = (recording.time, {n: c.values for n, c in recording.channels.items()})
     began = time.perf_counter()
