@@ -107,7 +107,7 @@ def element(value: Value, subscripts: Sequence[Value | None]) -> Value:
     return result
 
 
-def apply(operator: str, operands: Sequence[Value]) -> Value:  # noqa: PLR0911 - one return a kind
+def apply(operator: str, operands: Sequence[Value]) -> Value:
     """Apply an operator or built-in function of Modelica.
 
     Raises:

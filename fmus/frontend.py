@@ -39,7 +39,7 @@ _PLAIN = {
     "a when-clause",
 }
 _DOTTED = re.compile(r"[A-Za-z_]\w*(?:\.\w+)+")
-_QUOTED = re.compile(r"'([^']+)'|`([^`]+)`")
+_QUOTED = re.compile(r"'([^']+)'|`([^`]+)`|\b(\w+) is not a state")
 
 
 def load(source: ModelicaSource) -> Dae:
@@ -122,7 +122,9 @@ def _explain(source: ModelicaSource, text: str) -> ModelicaError:
 def _search_identifier(source: ModelicaSource, message: str) -> str:
     """Find what a message without position talks about: quoted or dotted names, else the class."""
     text = without_comments_and_strings(source.text)
-    quoted = [(match[1] or match[2]).rpartition(".")[2] for match in _QUOTED.finditer(message)]
+    quoted = [
+        (match[1] or match[2] or match[3]).rpartition(".")[2] for match in _QUOTED.finditer(message)
+    ]
     dotted = [
         path.rsplit(".", k)[0] for path in _DOTTED.findall(message) for k in range(path.count("."))
     ]

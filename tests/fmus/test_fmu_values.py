@@ -60,15 +60,24 @@ SIGNAL = {
 }
 
 
-def test_every_effect_of_the_library_is_here():
-    here = {
-        "Rotational": set(ROTATIONAL),
-        "Translational": set(TRANSLATIONAL),
-        "Signal": {*SIGNAL, "Delay", "FirstOrderLag"},
-    }
-    for kind, names in here.items():
-        files = {file.stem for file in (LIBRARY / "Effects" / kind).glob("*.mo")} - {"package"}
-        assert files == names
+LAWS = {
+    "Rotational": {*ROTATIONAL},
+    "Translational": {*TRANSLATIONAL},
+    "Signal": {*SIGNAL, "Delay", "FirstOrderLag"},
+}
+"""Effects whose values are compared here; of the others only that they begin as nothing."""
+
+
+def effects(kind):
+    return {file.stem for file in (LIBRARY / "Effects" / kind).glob("*.mo")} - {"package"}
+
+
+OTHERS = [(kind, name) for kind in LAWS for name in sorted(effects(kind) - LAWS[kind])]
+
+
+def test_the_laws_are_those_of_effects_in_the_library():
+    for kind, names in LAWS.items():
+        assert names <= effects(kind)
 
 
 def assert_agree(fmu, kind, inputs, outputs, expected, **settings):
@@ -186,6 +195,30 @@ def test_signal_effect(name, fmi):
     expected = integrate(free, PENDULUM_STARTS, T, staircase(T, shaped), T)
     for kind in KINDS:
         assert_agree(fmu, kind, {"u": LEVELS}, ["theta", "omega"], expected)
+
+
+@pytest.mark.parametrize(("kind", "name"), OTHERS)
+def test_any_other_effect_is_absent_with_its_defaults(kind, name):
+    """Which is what lets all candidates be attached to a model at once."""
+    rhs, starts, outputs = pendulum(lambda q, w: 0.0), PENDULUM_STARTS, ["theta", "omega"]
+    plant, point, signal = f"Pendulum({modifiers(PENDULUM)})", "joint", "tau"
+    if kind == "Translational":
+        rhs, starts, outputs = positioner(lambda q, v: 0.0), [0.0, 0.1], ["q", "v"]
+        plant, point, signal = "Positioner(v_start = 0.1)", "carriage", "vir"
+    if kind == "Signal":
+        fmu, signal = in_series(name, {}, "2"), "u"
+    else:
+        fmu = cached_fmu(
+            source(
+                f"model T extends Twinproof.Plants.{plant};"
+                f" Twinproof.Effects.{kind}.{name} effect;"
+                f" equation connect(effect.flange, {point}.flange); end T;"
+            )
+        )
+    assert validate_fmu(str(fmu)) == []
+    expected = integrate(rhs, starts, T, staircase(T, LEVELS), T)
+    for run_kind in KINDS:
+        assert_agree(fmu, run_kind, {signal: LEVELS}, outputs, expected)
 
 
 def test_first_order_lag(fmi):
