@@ -23,6 +23,7 @@ SIMULATED = [
         "Effects/Rotational",
         "Effects/Translational",
         "Effects/Signal",
+        "Sensors",
         "Examples",
     )
     for name in names_in(folder)
@@ -42,7 +43,7 @@ def declaration(name: str, parameter: str) -> str:
 
 
 def test_the_library_is_all_there() -> None:
-    assert len(SIMULATED) == 7 + 16 + 14 + 16 + 2
+    assert len(SIMULATED) == 7 + 16 + 14 + 16 + 4 + 2
     assert len(CLASSES) == len(SIMULATED) + 9
 
 
