@@ -1,0 +1,1 @@
+"""The twin service. Nothing is here yet."""
