@@ -287,7 +287,6 @@ STATIC: dict[str, tuple[dict[str, float], Callable[[Array, Array], Array]]] = {
     "Offset": ({"b": -0.7}, lambda t, u: u - 0.7),
     "Drift": ({"b_t": 0.2}, lambda t, u: u + t / 5),
     "Saturation": ({"inverse_limit": 0.8}, lambda t, u: np.clip(u, -1.25, 1.25)),
-    "SoftSaturation": ({"s": 0.25}, lambda t, u: 2 * np.sin(np.arctan(u / 2))),
     "Quantisation": ({"q": 0.25}, lambda t, u: 0.25 * np.floor(4 * u + 0.5)),
     "SignLoss": ({"k": 1.0}, lambda t, u: np.abs(u)),
     "Wrap": ({"k": 1.0}, lambda t, u: np.mod(u + np.pi, 2 * np.pi) - np.pi),
