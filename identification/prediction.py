@@ -170,7 +170,7 @@ def _floor(to_x0: Matrix, settling: int, noise: Vector, weight: Vector, first: i
     sensitivities. Samples that are scored and have helped to estimate it are closer than others.
     """
     ny, nx = to_x0.shape[1:]
-    weighted = (to_x0[:settling] / weight[:, None]).reshape(-1, nx)
+    weighted = (to_x0[:settling] / weight[:, None]).reshape(settling * ny, nx)
     information = weighted.T @ weighted
     ridge = 1e-12 * np.diag(np.diag(information) + 1e-300)
     # (nx, settling, ny): by how much a sample moves the estimate.

@@ -129,7 +129,7 @@ def settle(
         )
         residual = ((y - response.outputs) / sd).ravel()
         jacobian = (response.sensitivities[:, :, : shooting.nx] / sd[:, None]).reshape(
-            -1, shooting.nx
+            len(residual), shooting.nx
         )
         if response.finite < samples:
             return np.inf, jacobian, residual

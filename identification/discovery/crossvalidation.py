@@ -97,7 +97,9 @@ def _unseen(experiment: Experiment, whole: Fit, windows: Sequence[Window], sd: V
         fitted = _fit(experiment, whole, _pick(windows, rest), start.x0[rest], sd, free=whole.free)
         seen = _fit(experiment, fitted, _pick(windows, fold), start.x0[fold], sd, free=())
         for window, residual in zip(fold, seen.at.residuals, strict=False):
-            errors[window] = np.mean(residual**2, axis=0)
+            # A window's own initial state takes a part of the noise up, in the larger model more.
+            left = residual.size - experiment.shooting.nx
+            errors[window] = np.mean(residual**2, axis=0) * residual.size / max(left, 1)
     # A window that a model cannot simulate counts as a very wrong one, not as a missing one.
     return np.where(np.isfinite(errors), errors, 1e6 * sd**2)
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 
-from fmus.dae import Variable
+from fmus.dae import Dae, Variable
 from fmus.frontend import load
 from fmus.sources import ModelicaSource
 from foundation.errors import UnknownNameError
@@ -54,6 +54,7 @@ class Effect:
         delays: It has a memory of its input (`delay`).
         states: Number of states of its own.
         jumps: It changes discrete variables or states at events.
+        unit: Of the signals that it is for; empty for any, and for effects on flanges.
     """
 
     class_name: str
@@ -64,6 +65,7 @@ class Effect:
     delays: bool = False
     states: int = 0
     jumps: bool = False
+    unit: str = ""
 
     @property
     def name(self) -> str:
@@ -220,7 +222,13 @@ def _read(
         bool(dae.delays),
         len(dae.states) - (0 if kind == "signal" else 2),
         bool(dae.when_equations or dae.reinits),
+        _unit(dae),
     )
+
+
+def _unit(dae: Dae) -> str:
+    signal = dae.aliases.get("effect.u")
+    return signal.declared.unit if signal is not None else ""
 
 
 def _unprefixed(variable: Variable) -> Variable:

@@ -92,8 +92,13 @@ def _by_one_measure(refits: Sequence[Refit]) -> list[Refit]:
 
 def _measured(refit: Refit, independent: Vector) -> Refit:
     evidence = float(np.sum(independent * refit.gain))
-    price = 0.5 * len(refit.addition.values) * float(np.log(np.max(independent)))
-    merit = (evidence - price) * (_UNFOUND_SHAPE if refit.at_bound else 1.0)
+    samples = float(np.max(independent))
+    price = 0.5 * len(refit.addition.values) * np.log(samples)
+    # A state of its own is free at the start of every window: as many numbers more, each with the
+    # samples of its window.
+    windows = len(refit.experiment.windows)
+    price += 0.5 * refit.addition.effect.states * windows * np.log(max(samples / windows, 1.0))
+    merit = float(evidence - price) * (_UNFOUND_SHAPE if refit.at_bound else 1.0)
     return replace(refit, evidence=evidence, merit=merit)
 
 

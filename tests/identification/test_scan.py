@@ -133,10 +133,12 @@ def test_what_is_excluded_or_had_already_is_not_scored():
     assert "CubicSpring@joint" in labels
 
 
-def test_a_delayed_sensor_is_skipped_and_says_why():
+def test_a_sensor_with_memory_is_skipped_and_says_why():
     _, _, found = scanned("drag")
-    assert "first-order lag" in found.skipped["Delay@theta"]
-    assert "Delay@tau" in {s.addition.label for s in found.scored}
+    labels = {s.addition.label for s in found.scored}
+    for effect in ("Delay", "FirstOrderLag"):
+        assert "remembers" in found.skipped[f"{effect}@theta"]
+        assert f"{effect}@tau" in labels
 
 
 AWKWARD = """
