@@ -171,7 +171,7 @@ class WindowedUpdate(OnlineUpdate):
 
     Starts when there are a few more steps than unknowns: a model that fits noise exactly gives a
     wild gain, and a plant that falls meanwhile is lost (the dissertation's robot, noise 4e-5 rad:
-    the first model from 5, 6, 7, 8 steps keeps 87, 89, 94, 97 of 100 runs up). Bears about a
+    the first model from 5, 6, 7, 8 steps keeps 86, 90, 95, 99 % of the runs up). Bears about a
     hundred times the noise of the published form; a longer window bears more, and follows a
     changing plant more slowly.
 

@@ -20,7 +20,7 @@ from identification.pole_placement.published import Published
 from identification.pole_placement.region import Reach, region
 from identification.pole_placement.samples import Matrix, Samples, Vector
 from identification.pole_placement.total_least_squares import TotalLeastSquares
-from identification.pole_placement.two_step import TwoStep
+from identification.pole_placement.two_step import TwoStep, regress
 from identification.pole_placement.uncertainty import entry_sd, poles_with_sd
 
 METHODS: Mapping[str, Callable[[int], Method]] = {
@@ -38,8 +38,10 @@ METHODS: Mapping[str, Callable[[int], Method]] = {
 _BIASED = frozenset({Published.word, TotalLeastSquares.word, TwoStep.word})
 _ILL_CONDITIONED = 1e6
 _LITTLE_EXCITATION = 1e-3
-_NOISE_SHARE = 0.3
+_NOISE_SHARE, _LEAST_NOISE = 0.3, 1e-4
 _FEW = 50
+_OFFSET, _OFFSET_SHARE = 4.0, 0.2
+"""Constant term beyond which there is an offset: in standard errors, and in the residual's sd."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +61,7 @@ class Placement:
         open_loop_poles: (n,) poles of A.
         open_loop_poles_sd: (n,).
         condition_number: Of the scaled table of states and inputs.
-        region: How far the model holds, by state.
+        region: How far a linear model holds, by state.
         warnings: What the user should know, one sentence each.
     """
 
@@ -151,7 +153,8 @@ def place(
     order = matching(wanted, placed)
     own, own_sd = poles_with_sd(A, B, np.zeros_like(F), solution.covariance)
     scaled = rows_of(samples).regressors
-    reach = region(samples, A, B)
+    # The best model of one step, whatever the method: errors of a biased model are its own.
+    reach = region(samples, *regress(rows_of(samples)))
     found = Placement(
         method=chosen.word,
         samples=samples,
@@ -194,24 +197,51 @@ def _warnings(found: Placement, prefilter: int) -> list[str]:
             f"the data leave open whether this gain stabilises the plant: pole "
             f"{found.poles[worst]:.3g} ± {found.poles_sd[worst]:.2g}; record longer, or excite more"
         )
+    said += _offset_warning(found)
     if found.method in _BIASED and len(samples) >= _FEW:
         said += _noise_warning(found)
     for name, reach in found.region.items():
         if np.isfinite(reach.holds_to):
             said.append(
-                f"the linear model holds for |{name}| up to {reach.holds_to:.3g}; the data reach "
+                f"a linear model holds for |{name}| up to {reach.holds_to:.3g}; the data reach "
                 f"{reach.seen_to:.3g}: fit to samples near the equilibrium"
             )
     return said
 
 
+def _offset_warning(found: Placement) -> list[str]:
+    """Say so if a regression with a constant term finds one."""
+    rows = rows_of(found.samples)
+    if len(rows) < _FEW:
+        return []
+    scales = column_scales(rows.regressors)
+    table = np.column_stack([rows.regressors / scales, np.ones(len(rows))])
+    solved = np.linalg.lstsq(table, rows.after, rcond=None)[0]
+    sd = np.std(rows.after - table @ solved, axis=0)
+    share = np.linalg.pinv(table.T @ table)[-1, -1]
+    constant = np.abs(solved[-1])
+    shifted = constant > np.maximum(_OFFSET * np.sqrt(share), _OFFSET_SHARE) * sd
+    # Arithmetic leaves a constant too.
+    shifted &= constant > 1e-9 * column_scales(rows.after)
+    if not shifted.any():
+        return []
+    pairs = zip(found.samples.state_names, shifted, strict=True)
+    names = ", ".join(name for name, is_shifted in pairs if is_shifted)
+    return [
+        f"the equilibrium is not at zero ({names} drift without cause): "
+        "subtract the values of states and inputs at rest"
+    ]
+
+
 def _noise_warning(found: Placement) -> list[str]:
-    samples = found.samples
-    r, _ = noise_variances(samples, found.A, found.B)
-    residual = samples.states[1:] - samples.states[:-1] @ found.A.T - samples.inputs @ found.B.T
+    """Say so if the residual of the best model of one step is noise of the states."""
+    samples, rows = found.samples, rows_of(found.samples)
+    A, B = regress(rows)
+    r, _ = noise_variances(samples, A, B)
+    residual = rows.after - rows.before @ A.T - rows.inputs @ B.T
     noisy = r > _NOISE_SHARE * np.mean(residual**2, axis=0)
-    # Arithmetic leaves a residual too.
-    noisy &= np.sqrt(r) > 1e-9 * column_scales(samples.states)
+    # A plant that is not quite linear leaves a residual too.
+    noisy &= np.sqrt(r) > _LEAST_NOISE * column_scales(samples.states)
     if not noisy.any():
         return []
     names = ", ".join(

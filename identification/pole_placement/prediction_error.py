@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from foundation.errors import DivergenceError
 from identification.pole_placement.base import (
@@ -26,7 +27,7 @@ from identification.pole_placement.kalman import (
     run_filter,
 )
 from identification.pole_placement.noise import known_variances, noise_variances
-from identification.pole_placement.samples import Matrix, Samples, Vector
+from identification.pole_placement.samples import Matrix, Samples, Vector, floats
 from identification.pole_placement.two_step import TwoStep, regress
 
 _FLOOR = 1e-14
@@ -36,6 +37,7 @@ _TRIES = 9
 _TOLERANCE = 1e-2
 """Log likelihood that a further step promises at which to stop: a tenth of a standard deviation."""
 _PRIOR = 1e-9
+_NEAR = 0.3
 _LARGEST_DROP, _LARGEST_RISE = -0.9, 20.0
 
 
@@ -181,7 +183,8 @@ class PredictionError(Method):
         theta, local, converged = descend(likelihood, theta)
         n, k = likelihood.shape
         model = theta[: n * k].reshape(n, k) * scaled.factors
-        covariance = np.linalg.inv(_definite(local.information))[: n * k, : n * k]
+        everything = np.ones(theta.size, bool)
+        covariance = Scoring.at(local, everything).covariance()[: n * k, : n * k]
         factors = scaled.factors.ravel()
         notes = () if converged else ("prediction error stopped before it converged",)
         A, B = model[:, :n], model[:, n:]
@@ -190,8 +193,49 @@ class PredictionError(Method):
         )
 
 
+@dataclass(frozen=True, eq=False)
+class Scoring:
+    """Gradient and information of some parameters, each in units of its own information.
+
+    Attributes:
+        scale: (p,) square roots of the informations.
+        slope: (p,).
+        information: (p, p), ones on the diagonal but for a trace of prior, which keeps directions
+            that the data do not see where they are.
+    """
+
+    scale: Vector
+    slope: Vector
+    information: Matrix
+
+    @classmethod
+    def at(cls, local: Local, free: NDArray[np.bool_]) -> Scoring:
+        """Scale what is known at a point."""
+        scale = np.sqrt(np.diag(local.information)[free] + 1e-6)
+        information = local.information[np.ix_(free, free)] / scale / scale[:, None]
+        return cls(scale, local.gradient[free] / scale, information + _PRIOR * np.eye(scale.size))
+
+    def step(self, damping: float) -> Vector:
+        """Return the step of scoring, damped by a multiple of the information's diagonal."""
+        damped = self.information + damping * np.eye(self.scale.size)
+        return floats(-np.linalg.solve(damped, self.slope)) / self.scale
+
+    def promised(self) -> float:
+        """Return twice the log likelihood that an undamped step is to gain."""
+        return float(-self.slope @ (self.step(0.0) * self.scale))
+
+    def covariance(self) -> Matrix:
+        """Return the inverse of the information."""
+        return floats(np.linalg.inv(self.information)) / self.scale / self.scale[:, None]
+
+    def is_top(self, size: int) -> bool:
+        """Whether an undamped step moves the first `size` parameters by little of their sd."""
+        sd = np.sqrt(np.abs(np.diag(self.covariance())[:size]))
+        return bool(np.all(np.abs(self.step(0.0)[:size]) < _NEAR * sd))
+
+
 def descend(likelihood: Likelihood, theta: Vector) -> tuple[Vector, Local, bool]:
-    """Return the most likely θ from a start, the likelihood there, and whether it is the top.
+    """Return the most likely θ from a start, the likelihood there, and whether [A B] is settled.
 
     Fisher's scoring with Levenberg–Marquardt damping. A variance that is e times too great would
     shrink by one e a step in its logarithm; the step is made in the variance, where it is exact. A
@@ -200,32 +244,27 @@ def descend(likelihood: Likelihood, theta: Vector) -> tuple[Vector, Local, bool]
     Raises:
         DivergenceError: The filter does not run at the start.
     """
-    damping = 1e-3
+    damping, size = 1e-3, likelihood.size
     local = likelihood.local(theta)
     for _ in range(_ROUNDS):
         absent = (theta <= np.log(_FLOOR)) & (local.gradient > 0)
-        absent[: likelihood.size] = False
-        free = ~absent
-        scale = np.sqrt(np.diag(local.information)[free] + 1e-6)
-        slope = local.gradient[free] / scale
-        information = local.information[np.ix_(free, free)] / scale / scale[:, None]
-        identity = np.eye(slope.size)
-        promised = slope @ np.linalg.solve(information + _PRIOR * identity, slope)
-        if promised < _TOLERANCE:
+        absent[:size] = False
+        scoring = Scoring.at(local, ~absent)
+        if scoring.promised() < _TOLERANCE:
             return theta, local, True
         for _ in range(_TRIES):
             step = np.zeros(theta.size)
-            damped = information + (damping + _PRIOR) * identity
-            step[free] = -np.linalg.solve(damped, slope) / scale
-            trial = _moved(theta, step, likelihood.size)
+            step[~absent] = scoring.step(damping)
+            trial = _moved(theta, step, size)
             if likelihood.value(trial) < local.value:
                 break
             damping = 10 * max(damping, 1e-4)
         else:
-            return theta, local, bool(promised < 1.0)
+            return theta, local, scoring.is_top(size)
         theta, damping = trial, damping / 10
         local = likelihood.local(theta)
-    return theta, local, False
+    everything = np.ones(theta.size, bool)
+    return theta, local, Scoring.at(local, everything).is_top(size)
 
 
 def _moved(theta: Vector, step: Vector, size: int) -> Vector:
@@ -233,8 +272,3 @@ def _moved(theta: Vector, step: Vector, size: int) -> Vector:
     relative = np.clip(step[size:], _LARGEST_DROP, _LARGEST_RISE)
     moved[size:] = np.clip(theta[size:] + np.log1p(relative), np.log(_FLOOR) - 1, 20.0)
     return moved
-
-
-def _definite(information: Matrix) -> Matrix:
-    """Return the information with a trace of prior: directions that the data do not see stay."""
-    return information + np.diag(1e-9 * np.diag(information) + 1e-6)

@@ -141,6 +141,14 @@ def test_noise_makes_the_biased_ones_warn():
     assert not any("biases" in w for w in place(quiet, WANTED, method="two-step").warnings)
 
 
+def test_an_equilibrium_that_is_not_at_zero_makes_a_warning():
+    run = linear_run(process=0.02)
+    assert not any("equilibrium" in w for w in place(run, WANTED, method="two-step").warnings)
+    shifted = Samples(run.states + np.array([0.0, 3.0, 0.0]), run.inputs)
+    found = place(shifted, WANTED, method="two-step")
+    assert any("the equilibrium is not at zero" in w for w in found.warnings)
+
+
 def test_little_excitation_makes_a_warning():
     run = linear_run(process=0.05)
     weak = Samples(run.states, run.states[:-1] @ FEEDBACK.T + 1e-5 * run.inputs)
