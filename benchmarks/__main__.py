@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import sys
 
-NAMES = ("emps", "demo", "hidden", "fmus", "running", "recordings", "pole_placement")
+NAMES = ("emps", "demo", "hidden", "fmus", "running", "recordings", "pole_placement", "furuta")
 
 
 def main(names: list[str]) -> int:
