@@ -12,6 +12,7 @@ TwinproofError                    anything below; `str()` says what, where and w
 │   │   ├── TimeError             time that is missing, not increasing or not finite
 │   │   ├── ChannelError          a channel that is missing, not finite or mapped wrongly
 │   │   └── UnitError             units that are unknown or cannot be converted
+│   ├── BusError                  a CAN bus that is absent or refuses, a DBC that does not fit it
 │   └── ExcitationError           the recording cannot answer the question (too short, too quiet)
 └── ComputationError              right input, no answer                          (exit status 3)
     ├── DivergenceError           a simulation or a fit left the finite numbers
@@ -107,6 +108,10 @@ class ChannelError(RecordingError):
 
 class UnitError(RecordingError):
     """Units that are unknown or cannot be converted into one another."""
+
+
+class BusError(InputError):
+    """A CAN bus that is absent, refuses or stays silent, or a DBC that does not fit the plant."""
 
 
 class ExcitationError(InputError):

@@ -1,1 +1,1 @@
-"""Hardware in the loop over CAN. Nothing is here yet."""
+"""Controllers against a plant's FMU: over a CAN bus in real time, or offline in thousands."""
