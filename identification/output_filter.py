@@ -92,6 +92,17 @@ class OutputFilter:
             return (x1 - x2) / self.tau2
         return ((start - x1) / self.tau1 - (x1 - x2) / self.tau2) / self.tau2
 
+    def apply_backwards(self, start: Array, end: Array, *, order: int = 0) -> Array:
+        """Return s^order · I(-s) applied to a signal: the same filter, run from the end.
+
+        A sample of the result depends on the signal from there on, where that of `apply` depends on
+        it up to there. Arguments and result as for `apply`.
+        """
+        # In reversed time the interval before a sample comes first, and its ends are exchanged.
+        turned_start = np.concatenate([end[-2::-1], start[:1]])
+        turned_end = np.concatenate([start[-2::-1], start[:1]])
+        return self.apply(turned_start, turned_end, order=order)[::-1] * (-1.0) ** order
+
     def transients(self, n: int) -> Array:
         """Return (n, 2) the two motions of the unforced filter, h and h' up to scale.
 

@@ -7,15 +7,23 @@ from collections.abc import Callable, Mapping
 from foundation.errors import UnknownNameError
 from identification.estimators.auto import Auto
 from identification.estimators.base import Estimator
+from identification.estimators.bias_compensated import BiasCompensated
+from identification.estimators.delayed_instruments import DelayedInstruments
 from identification.estimators.differencing import Differencing
 from identification.estimators.filtered_least_squares import FilteredLeastSquares
 from identification.estimators.kalman import Kalman
 from identification.estimators.output_error import OutputError
+from identification.estimators.simulated_instruments import SimulatedInstruments
+from identification.estimators.total_least_squares import TotalLeastSquares
 
 ESTIMATORS: Mapping[str, Callable[[], Estimator]] = {
     "auto": Auto,
     "differencing": Differencing,
     "output-filter": FilteredLeastSquares,
+    "instrumental": DelayedInstruments,
+    "simulated-instruments": SimulatedInstruments,
+    "total-least-squares": TotalLeastSquares,
+    "bias-compensated": BiasCompensated,
     "output-error": OutputError,
     "kalman": Kalman,
 }
@@ -40,10 +48,14 @@ def estimator(method: str) -> Estimator:
 __all__ = [
     "ESTIMATORS",
     "Auto",
+    "BiasCompensated",
+    "DelayedInstruments",
     "Differencing",
     "Estimator",
     "FilteredLeastSquares",
     "Kalman",
     "OutputError",
+    "SimulatedInstruments",
+    "TotalLeastSquares",
     "estimator",
 ]

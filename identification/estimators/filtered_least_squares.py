@@ -24,6 +24,40 @@ _NOISY = 0.1  # noise share beyond which the bias is worth a warning
 
 
 @dataclass(frozen=True)
+class Filtered:
+    """A regression, filtered, on a record.
+
+    Attributes:
+        regression: Derived from the model.
+        noise_sd: (ny,) of the sensors.
+        tau: Time constants τ1, τ2 [s].
+        rows: The filtered terms.
+        share: Noise in the worst combination of columns, about the relative bias of least squares.
+        weights: (columns,) of that combination.
+    """
+
+    regression: Regression
+    noise_sd: Array
+    tau: tuple[float, float]
+    rows: Rows
+    share: float
+    weights: Array
+
+    def details(self, problem: Problem) -> dict[str, object]:
+        """Return what an estimate's details say of the filter."""
+        return {
+            "tau": self.tau,
+            "noise_sd": dict(zip(problem.output_names, self.noise_sd.tolist(), strict=True)),
+            "noise_share": self.share,
+        }
+
+
+def correlated_samples(tau: tuple[float, float], sample_time: float) -> int:
+    """Return over how many samples filtered residuals are taken as correlated."""
+    return int(np.ceil(_CORRELATED * sum(tau) / sample_time))
+
+
+@dataclass(frozen=True)
 class FilteredLeastSquares(Estimator):
     """Least squares on filtered equations of motion.
 
@@ -74,6 +108,25 @@ class FilteredLeastSquares(Estimator):
             ExcitationError: The record is too short or shows none of the parameters.
             DivergenceError: A term is not finite on the record.
         """
+        made = self.prepare(problem)
+        correlation = correlated_samples(made.tau, problem.sample_time)
+        solution = solve(made.regression, made.rows, problem.values, correlation=correlation)
+        warnings = (*solution.warnings, *_noise_warning(made))
+        return to_estimate(
+            self.method,
+            problem.dae,
+            made.regression,
+            replace(solution, warnings=warnings),
+            problem.values,
+            {**made.details(problem), "initial_columns": self.initial_columns},
+        )
+
+    def prepare(self, problem: Problem) -> Filtered:
+        """Derive the regression, choose τ and form the filtered rows.
+
+        Raises:
+            UnsupportedModelError, ExcitationError, DivergenceError: As `estimate`.
+        """
         regression = derive(
             problem.dae,
             free=problem.free,
@@ -84,35 +137,21 @@ class FilteredLeastSquares(Estimator):
         noise_sd = sensor_noise(problem)
         noise = np.random.default_rng(self.seed).standard_normal(problem.outputs.shape)
         noisier = replace(problem, outputs=problem.outputs + noise * noise_sd)
-        best: _Choice | None = None
+        best: Filtered | None = None
         for tau in [self.tau] if self.tau is not None else _candidates(regression, problem):
-            output_filter = OutputFilter(*tau, problem.sample_time)
-            rows = self._rows(regression, problem, output_filter)
-            share, weights = noise_share(rows, self._rows(regression, noisier, output_filter))
+            rows = self.rows(regression, problem, tau)
+            share, weights = noise_share(rows, self.rows(regression, noisier, tau))
             if best is None or share < best.share:
-                best = _Choice(tau, rows, share, weights)
+                best = Filtered(regression, noise_sd, tau, rows, share, weights)
             if share < _CLEAN:
                 break
         assert best is not None
-        correlation = int(np.ceil(_CORRELATED * sum(best.tau) / problem.sample_time))
-        solution = solve(regression, best.rows, problem.values, correlation=correlation)
-        warnings = (*solution.warnings, *_noise_warning(regression, best))
-        details = {
-            "tau": best.tau,
-            "initial_columns": self.initial_columns,
-            "noise_sd": dict(zip(problem.output_names, noise_sd.tolist(), strict=True)),
-            "noise_share": best.share,
-        }
-        return to_estimate(
-            self.method,
-            problem.dae,
-            regression,
-            replace(solution, warnings=warnings),
-            problem.values,
-            details,
-        )
+        return best
 
-    def _rows(self, regression: Regression, problem: Problem, output_filter: OutputFilter) -> Rows:
+    def rows(self, regression: Regression, problem: Problem, tau: tuple[float, float]) -> Rows:
+        """Return the regression's terms, filtered."""
+        output_filter = OutputFilter(*tau, problem.sample_time)
+
         def operator(start: Array, end: Array, order: int) -> Array:
             return output_filter.apply(start, end, order=order)
 
@@ -148,14 +187,6 @@ def sensor_noise(problem: Problem) -> Array:
     return np.where(np.isfinite(problem.noise_sd), problem.noise_sd, scatter)
 
 
-@dataclass(frozen=True)
-class _Choice:
-    tau: tuple[float, float]
-    rows: Rows
-    share: float
-    weights: Array
-
-
 def _candidates(regression: Regression, problem: Problem) -> list[tuple[float, float]]:
     known = signals(regression, problem)
     positions = [known[c.position] for c in regression.coordinates]
@@ -164,13 +195,13 @@ def _candidates(regression: Regression, problem: Problem) -> list[tuple[float, f
     return [(tau, tau) for tau in dict.fromkeys(tried)]
 
 
-def _noise_warning(regression: Regression, choice: _Choice) -> list[str]:
-    if choice.share < _NOISY:
+def _noise_warning(made: Filtered) -> list[str]:
+    if made.share < _NOISY:
         return []
-    pairs = zip(regression.columns, choice.weights, strict=True)
+    pairs = zip(made.regression.columns, made.weights, strict=True)
     names = [str(column.lump) for column, weight in pairs if weight > 0.3]
     return [
-        f"sensor noise makes up {min(choice.share, 1.0):.0%} of what the filtered record shows of "
+        f"sensor noise makes up {min(made.share, 1.0):.0%} of what the filtered record shows of "
         f"{', '.join(names)}, and biases them by about as much; use --method output-error, or "
         "record larger motion or the rates too"
     ]

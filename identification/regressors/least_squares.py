@@ -6,9 +6,9 @@ weights are then matters of a few small matrices. Equations are weighted by thei
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import sympy as sp
@@ -27,11 +27,48 @@ Array = NDArray[np.float64]
 _ZERO_COLUMN = 1e-11  # of the size it would have without cancellation
 _COLLINEAR = 1e-7  # sine of the angle between a column and the span of the others
 _HARDLY_TOLD_APART = 1e4  # scaled condition number beyond which the faintest noise decides
-_WEIGHTINGS = 3
+WEIGHTINGS = 3
 _REMEDY = (
     "try a record with larger and faster motion of the parts they act on, "
     "or leave one of them out of --free"
 )
+
+
+@dataclass(frozen=True)
+class Reduced:
+    """Weighted equations, reduced to factor @ lumps = target in the sense of least squares.
+
+    Attributes:
+        factor: (r, k).
+        target: (r,).
+        left: (m, n, k) what the weighted residuals are multiplied with: Σ left · residual = shift
+            at the solution.
+        shift: (k, k + 1) share of one sample in that sum, as a function of (lumps, -1).
+    """
+
+    factor: Array
+    target: Array
+    left: Array
+    shift: Array | None = None
+
+
+Reduction: TypeAlias = "Callable[[Array, Array], Callable[[Array], Reduced]]"
+"""(matrix (m, n, k), right (m, n)) → (weights (m,) → reduced)."""
+
+
+def least_squares_reduction(matrix: Array, right: Array) -> Callable[[Array], Reduced]:
+    """Reduce by orthogonal triangles, one an equation, formed once."""
+    k = matrix.shape[2]
+    factors = [
+        np.linalg.qr(np.column_stack([a, y]), "r") for a, y in zip(matrix, right, strict=True)
+    ]
+
+    def reduced(weights: Array) -> Reduced:
+        stacked = np.vstack([w * f for w, f in zip(weights, factors, strict=True)])
+        triangle: Array = np.asarray(np.linalg.qr(stacked, "r"))
+        return Reduced(triangle[:, :k], triangle[:, k], weights[:, None, None] * matrix)
+
+    return reduced
 
 
 @dataclass(frozen=True)
@@ -58,7 +95,12 @@ class Solution:
 
 
 def solve(
-    regression: Regression, rows: Rows, start: Mapping[str, float], *, correlation: int
+    regression: Regression,
+    rows: Rows,
+    start: Mapping[str, float],
+    *,
+    correlation: int,
+    reduction: Reduction = least_squares_reduction,
 ) -> Solution:
     """Fit the parameters in the lumps of a regression.
 
@@ -67,6 +109,7 @@ def solve(
         rows: The columns on a record.
         start: Starting values; exact for lumps that are parameters of their own.
         correlation: Samples over which residuals may be correlated.
+        reduction: Which estimating equations are solved.
 
     Raises:
         ExcitationError: Too few samples, or the record shows none of the parameters.
@@ -77,28 +120,26 @@ def solve(
         raise ExcitationError(
             f"{n} samples for {k} unknowns", remedy="record for longer, or free fewer parameters"
         )
-    matrix, right = _without_nuisance(rows)
+    matrix, right = without_nuisance(rows)
     matrix = np.where(_is_zero(matrix, rows)[:, None, :], 0.0, matrix)
-    factors = [
-        np.linalg.qr(np.column_stack([a, y]), "r") for a, y in zip(matrix, right, strict=True)
-    ]
+    reduce = reduction(matrix, right)
     names = regression.parameters
-    seen = _Seen(regression, start, np.any(matrix != 0, axis=(0, 1)))
-    weights = _first_weights(right)
+    seen = Seen(regression, start, np.any(matrix != 0, axis=(0, 1)))
+    weights = first_weights(right)
     values = dict(start)
     fitted: list[str] = []
     sd = weights
     # Residuals depend on the weights and the weights on residuals; three rounds settle both.
-    for _ in range(_WEIGHTINGS):
-        stacked = np.vstack([w * f for w, f in zip(weights, factors, strict=True)])
-        triangle: Array = np.asarray(np.linalg.qr(stacked, "r"))
-        factor, target = triangle[:, :k], triangle[:, k]
-        fitted = seen.fitted(factor)
-        values = _fit(regression, factor, target, start, fitted)
+    for _ in range(WEIGHTINGS):
+        reduced = reduce(weights)
+        fitted = seen.fitted(reduced.factor)
+        values = fit_lumps(regression, reduced.factor, reduced.target, start, fitted)
         lumps = regression.lumps(values)
         residuals = right - matrix @ lumps
-        floor = 1e-14 * np.sqrt(np.mean(right**2, axis=1) + np.mean(matrix**2, axis=1) @ lumps**2)
-        sd = np.maximum(np.sqrt(np.mean(residuals**2, axis=1)), np.maximum(floor, 1e-300))
+        sd = residual_sd(
+            np.mean(residuals**2, axis=1),
+            np.mean(right**2, axis=1) + np.mean(matrix**2, axis=1) @ lumps**2,
+        )
         weights = 1 / sd
     lumps = regression.lumps(values)
     if not np.all(np.isfinite(lumps)):
@@ -107,20 +148,38 @@ def solve(
         )
     chosen = [names.index(name) for name in fitted]
     jacobian = regression.lump_jacobian(values)[:, chosen]
-    weighted = np.concatenate([w * a for w, a in zip(weights, matrix, strict=True)]) @ jacobian
+    reduced = reduce(weights)
     residuals = (right - matrix @ lumps) * weights[:, None]
-    scores = np.einsum("mt,mtk->tk", residuals, weighted.reshape(m, n, -1))
+    scores = np.einsum("mt,mtk->tk", residuals, reduced.left @ jacobian)
+    if reduced.shift is not None:
+        scores = scores - (reduced.shift @ np.append(lumps, -1.0)) @ jacobian
     samples = m * n - len(chosen) - rows.nuisance.shape[1] * m
-    covariance, condition, weakest = _sandwich(weighted, scores, correlation)
+    covariance, condition, weakest = _sandwich(reduced.factor @ jacobian, scores, correlation)
     covariance = covariance * (m * n / max(samples, 1))
-    warnings = seen.warnings()
-    if condition > _HARDLY_TOLD_APART:
-        weak = [name for name, part in zip(fitted, weakest, strict=True) if abs(part) > 0.3]
-        warnings.append(
-            f"{_listed(weak)} can hardly be told apart in this record "
-            f"(condition number {condition:.2g}); {_REMEDY}"
-        )
+    warnings = [*seen.warnings(), *hardly_told_apart(fitted, condition, weakest)]
     return Solution(values, tuple(fitted), covariance, condition, sd, lumps, tuple(warnings))
+
+
+def residual_sd(mean_square: Array, size: Array) -> Array:
+    """Return (equations,) residuals' standard deviations, never below rounding of their terms.
+
+    Args:
+        mean_square: (equations,) of the residuals.
+        size: (equations,) mean square of the terms whose difference the residuals are.
+    """
+    floor = 1e-14 * np.sqrt(size)
+    return np.maximum(np.sqrt(mean_square), np.maximum(floor, 1e-300))
+
+
+def hardly_told_apart(fitted: Sequence[str], condition: float, weakest: Array) -> list[str]:
+    """Warn of a condition number at which the faintest noise decides."""
+    if condition <= _HARDLY_TOLD_APART:
+        return []
+    weak = [name for name, part in zip(fitted, weakest, strict=True) if abs(part) > 0.3]
+    return [
+        f"{_listed(weak)} can hardly be told apart in this record "
+        f"(condition number {condition:.2g}); {_REMEDY}"
+    ]
 
 
 def noise_share(rows: Rows, noisier: Rows) -> tuple[float, Array]:
@@ -135,9 +194,9 @@ def noise_share(rows: Rows, noisier: Rows) -> tuple[float, Array]:
         relative bias of least squares in that direction, 1 or more if there is nothing but noise.
         And the (columns,) weights of the scaled columns in it, the largest 1.
     """
-    (matrix, right), (other, _) = _without_nuisance(rows), _without_nuisance(noisier)
+    (matrix, right), (other, _) = without_nuisance(rows), without_nuisance(noisier)
     k = matrix.shape[2]
-    weights = _first_weights(right)[:, None, None]
+    weights = first_weights(right)[:, None, None]
     stacked = (weights * matrix).reshape(-1, k)
     noise = (weights * (other - matrix)).reshape(-1, k)
     norms = np.linalg.norm(stacked, axis=0)
@@ -152,13 +211,14 @@ def noise_share(rows: Rows, noisier: Rows) -> tuple[float, Array]:
     return float(shares[0] ** 2), worst / np.max(worst)
 
 
-def _first_weights(right: Array) -> Array:
-    """Weights that make the fit free of the units in which each equation is written."""
+def first_weights(right: Array) -> Array:
+    """Return (equations,) weights that make the fit free of the units of each equation."""
     size = np.sqrt(np.mean(right**2, axis=1))
     return 1 / np.where(size > 0, size, np.max(size) or 1.0)
 
 
-def _without_nuisance(rows: Rows) -> tuple[Array, Array]:
+def without_nuisance(rows: Rows) -> tuple[Array, Array]:
+    """Return matrix and right-hand side with the nuisance motions projected out."""
     if rows.nuisance.shape[1] == 0:
         return rows.matrix, rows.right
     scale = np.linalg.norm(rows.nuisance, axis=0)
@@ -173,7 +233,7 @@ def _is_zero(matrix: Array, rows: Rows) -> NDArray[np.bool_]:
     return np.max(np.abs(matrix), axis=1) <= _ZERO_COLUMN * rows.size
 
 
-class _Seen:
+class Seen:
     """Sorts parameters into those that a record shows and those that have to be held."""
 
     def __init__(
@@ -258,7 +318,7 @@ class _Seen:
         return texts
 
 
-def _fit(
+def fit_lumps(
     regression: Regression,
     factor: Array,
     target: Array,
@@ -308,7 +368,7 @@ def _fit(
     return values
 
 
-def _sandwich(weighted: Array, scores: Array, correlation: int) -> tuple[Array, float, Array]:
+def _sandwich(factor: Array, scores: Array, correlation: int) -> tuple[Array, float, Array]:
     """Covariance (JᵀJ)⁻¹ S (JᵀJ)⁻¹ with the long-run variance S of the scores; condition number.
 
     S has Bartlett's kernel (W. K. Newey, K. D. West, Econometrica 55 (1987) 703-708), written as
@@ -316,9 +376,9 @@ def _sandwich(weighted: Array, scores: Array, correlation: int) -> tuple[Array, 
     blocks leave few of them; the factor for that is the one of N. M. Kiefer, T. J. Vogelsang,
     Econometric Theory 21 (2005) 1130-1164, table 1 (Bartlett, two-sided 5 %).
     """
-    norms = np.linalg.norm(weighted, axis=0)
+    norms = np.linalg.norm(factor, axis=0)
     norms = np.where(norms > 0, norms, 1.0)
-    _, s, vt = np.linalg.svd(weighted / norms, full_matrices=False)
+    _, s, vt = np.linalg.svd(factor / norms, full_matrices=False)
     n, k = scores.shape
     length = int(np.clip(correlation, 1, max(n // 4, 1)))
     padded = np.concatenate([np.zeros((length, k)), scores / norms, np.zeros((length, k))])
