@@ -1,7 +1,7 @@
 """The front end's expression arena: nodes read as scalars, or as nested tuples for arrays.
 
-Arrays are taken apart while they are read, functions are inlined, and integer division becomes
-discrete variables that step at events; what comes out has scalar operators only.
+Arrays are taken apart while they are read and functions are inlined; what comes out has scalar
+operators only.
 """
 
 from __future__ import annotations
@@ -24,8 +24,10 @@ from fmus.expressions import (
     Relation,
     Symbol,
     Time,
+    substitute,
     walk,
 )
+from fmus.stepwise import Stepwise
 from foundation.errors import UnsupportedModelError
 
 _COMPARISONS = {"less", "less_equal", "greater", "greater_equal"}
@@ -34,14 +36,6 @@ _QUOTIENT_SLOTS = 7  # the front end counts a mod, rem or div as so many nodes
 _DEEPEST_CALL = 50
 
 Refuse: TypeAlias = Callable[[str, Position | None], UnsupportedModelError]
-
-
-@dataclass(frozen=True)
-class Floor:
-    """A discrete variable that is the floor of an operand, stepping at events."""
-
-    name: str
-    operand: Expression
 
 
 @dataclass
@@ -64,7 +58,7 @@ class Arena:
         refuse: Makes the error for a construct at a position.
 
     Attributes:
-        relations, floors, ticks: What has been met so far; of a tick, its name and relation.
+        stepwise: What steps at events, as far as it has been met.
     """
 
     def __init__(
@@ -88,15 +82,7 @@ class Arena:
         ]
         self._delay_numbers: dict[int, Delayed] = {}
         self._outside = _Scope()
-        self._clocks: dict[int, Relation] = {}
-        self.relations: list[Relation] = []
-        self.floors: list[Floor] = []
-        self.ticks: dict[str, Relation] = {}
-
-    @property
-    def clock_relations(self) -> tuple[Relation, ...]:
-        """The relations that stand for `sample(…)`."""
-        return tuple(self._clocks.values())
+        self.stepwise = Stepwise(self._changes)
 
     @property
     def delays(self) -> tuple[Delayed, ...]:
@@ -148,7 +134,7 @@ class Arena:
         return arrays.of_names(self._names[number], self._shapes[number], leaf)
 
     def condition(self, index: int, *, events: bool = True) -> Expression:  # noqa: PLR0911 - one return a kind
-        """Read a condition of a when-clause or of an assertion."""
+        """Read a condition of a when-clause; `initial()` stays an operation."""
         row = self._store["conditions"][index]
         node = row["node"]
         if node == "always":
@@ -172,6 +158,24 @@ class Arena:
             node = kind
         raise self._refuse(f"a when-condition of the kind '{node}'", self._place(row["provenance"]))
 
+    def guard(self, index: int, *, events: bool = True) -> Expression:
+        """Read a condition that is asked for its value: initial() holds during initialisation."""
+
+        def initially(node: Expression) -> Expression | None:
+            is_initial = isinstance(node, Operation) and node.operator == "initial"
+            return self.stepwise.initially() if is_initial else None
+
+        return substitute(self.condition(index, events=events), initially)
+
+    def _clock(self, number: int) -> Relation:
+        row = self._store["clocks"][number]
+        kind = row["kind"]
+        lattice = kind.get("periodic", {}).get("lattice") if isinstance(kind, dict) else None
+        if lattice is None:
+            raise self._refuse("a clock", self._place(row.get("provenance")))
+        period, phase = (v["num"] / v["den"] for v in (lattice["period"], lattice["phase"]))
+        return self.stepwise.clock(number, phase, period)
+
     # Nodes
 
     def _value(self, index: int, events: bool, scope: _Scope) -> Value:
@@ -180,9 +184,7 @@ class Arena:
             return known
         value = self._read(index, events, scope)
         if events and isinstance(value, Operation) and self._makes_event(value):
-            relation = Relation(len(self.relations), value)
-            self.relations.append(relation)
-            value = relation
+            value = self.stepwise.relation(value)
         scope.memo[index, events] = value
         return value
 
@@ -210,7 +212,8 @@ class Arena:
                 return self._coordinate(body, index, events, scope)
             case "unary":
                 operand = self._value(body["operand"], events, scope)
-                return self._apply(index, str(body["operator"]), (operand,))
+                operator = str(body["operator"])
+                return operand if operator == "plus" else self._apply(index, operator, (operand,))
             case "binary":
                 sides = tuple(self._value(body[s], events, scope) for s in ("lhs", "rhs"))
                 return self._apply(index, str(body["operator"]), sides)
@@ -233,7 +236,7 @@ class Arena:
             case "runtime_quotient_owner":
                 a, b = (self._value(body[s], events, scope) for s in ("lhs", "rhs"))
                 if not isinstance(a, tuple) and not isinstance(b, tuple):
-                    return self._quotient(str(body["builtin"]), a, b, events)
+                    return self.stepwise.quotient(str(body["builtin"]), a, b, events)
             case _:
                 pass
         raise self._refuse(f"the expression '{kind}'", self.position(index))
@@ -249,14 +252,16 @@ class Arena:
             raise self._refuse(str(error), self.position(index)) from error
 
     def _builtin(self, index: int, name: str, events: bool, scope: _Scope) -> Value:
-        if name in ("initial", "terminal"):
-            raise self._refuse(f"{name}() outside of a when", self.position(index))
+        if name == "initial":
+            return self.stepwise.initially()
+        if name == "terminal":
+            raise self._refuse("terminal()", self.position(index))
         inside = events and name not in _WITHOUT_EVENTS
         operands = [self._value(node, inside, scope) for node in self._inputs(index)]
         if name in ("floor", "ceil", "integer", "mod", "div", "rem"):
             scalars = [o for o in operands if not isinstance(o, tuple)]
             if len(scalars) == len(operands):
-                return self._stepping(name, scalars, events)
+                return self.stepwise.rounded(name, scalars, events)
         return self._apply(index, name, operands)
 
     def _conditional(self, index: int, events: bool, scope: _Scope) -> Value:
@@ -337,12 +342,15 @@ class Arena:
     def _call(self, index: int, events: bool, scope: _Scope) -> Value:
         _, body, *_ = self._records[index]
         function = self._store["functions"][int(body["function"])]
-        if function["external"] is not None:
+        external = function["external"]
+        if external is not None and external["language"] != "builtin":
             raise self._refuse(f"the external function '{function['name']}'", self.position(index))
         if scope.depth == _DEEPEST_CALL:
             raise self._refuse(f"the recursive function '{function['name']}'", self.position(index))
         operands = self._inputs(int(body["owner"]))
         arguments = [self._value(node, events, scope) for node in operands]
+        if external is not None:  # another name of an operator, such as Modelica.Math.sin
+            return self._apply(index, str(external["symbol"]), arguments)
         inner = _Scope({}, arguments, scope.depth + 1)
         last = self._definitions(function, int(body["output"]), index)
         return self._value(last[-1], False, inner)
@@ -393,10 +401,7 @@ class Arena:
             case "function_parameter":
                 return scope.arguments[int(number["ordinal"])]
             case "condition":
-                holds = self.condition(int(number), events=events)
-                if isinstance(holds, Operation) and holds.operator == "initial":
-                    raise self._refuse("initial() outside of a when", self.position(index))
-                return holds
+                return self.guard(int(number), events=events)
             case name if name.startswith("pre"):
                 return self.variable(number, Previous)
             case name if isinstance(number, int) and name in _VARIABLES:
@@ -418,70 +423,6 @@ class Arena:
             )
         return self._delay_numbers[number]
 
-    # What steps at events
-
-    def _clock(self, number: int) -> Relation:
-        """Read sample(start, interval): time has reached the instant after the last one counted."""
-        if number not in self._clocks:
-            row = self._store["clocks"][number]
-            kind = row["kind"]
-            lattice = kind.get("periodic", {}).get("lattice") if isinstance(kind, dict) else None
-            if lattice is None:
-                raise self._refuse("a clock", self._place(row.get("provenance")))
-            period, phase = (v["num"] / v["den"] for v in (lattice["period"], lattice["phase"]))
-            name = f"_samples_{number + 1}"
-            count = Previous(name)
-            # A rounding error before the instant is the instant.
-            instant = _plus(Literal(phase - 2e-10), _times(Literal(period), count))
-            relation = Relation(len(self.relations), Operation("greater_equal", (Time(), instant)))
-            self.relations.append(relation)
-            self._clocks[number] = relation
-            self.ticks[name] = relation
-        return self._clocks[number]
-
-    def _stepping(self, name: str, operands: Sequence[Expression], events: bool) -> Expression:
-        match name:
-            case "floor" | "integer":
-                return self._floor(operands[0], events)
-            case "ceil":
-                return _negative(self._floor(_negative(operands[0]), events))
-            case _:
-                return self._quotient(name, operands[0], operands[1], events)
-
-    def _quotient(self, name: str, a: Expression, b: Expression, events: bool) -> Expression:
-        ratio = Operation("divide", (a, b))
-        if name == "mod":
-            return Operation("subtract", (a, _times(self._floor(ratio, events), b)))
-        # Towards zero: down where the ratio is positive, up where it is negative.
-        down = self._floor(ratio, events)
-        up = _negative(self._floor(_negative(ratio), events))
-        positive = Operation("greater_equal", (down, Literal(0)))
-        quotient = Operation("if", (positive, down, up))
-        if name == "div":
-            return quotient
-        return Operation("subtract", (a, _times(quotient, b)))
-
-    def _floor(self, operand: Expression, events: bool) -> Expression:
-        if not events or not self._changes(operand):
-            return Operation("floor", (operand,))
-        name = f"_floor_{len(self.floors) + 1}"
-        self.floors.append(Floor(name, operand))
-        return Symbol(name)
-
-    def floor_value(self, floor: Floor) -> Expression:
-        """Value of a stepping variable at every event: unchanged between two whole numbers."""
-        last = Previous(floor.name)
-        outside: list[Expression] = []
-        for operator, bound in (("less", last), ("greater_equal", _plus(last, Literal(1)))):
-            relation = Relation(len(self.relations), Operation(operator, (floor.operand, bound)))
-            self.relations.append(relation)
-            outside.append(relation)
-        # The event lies a rounding error beyond the whole number, on either side.
-        return Operation(
-            "if",
-            (Operation("or", tuple(outside)), Operation("floor", (floor.operand,)), last),
-        )
-
 
 _VARIABLES = frozenset(
     (
@@ -494,15 +435,3 @@ _VARIABLES = frozenset(
 def _range(binder: Mapping[str, Any]) -> range:
     lower, upper, step = (int(binder[key]) for key in ("lower", "upper", "step"))
     return range(lower, upper + (1 if step > 0 else -1), step)
-
-
-def _plus(a: Expression, b: Expression) -> Expression:
-    return Operation("add", (a, b))
-
-
-def _times(a: Expression, b: Expression) -> Expression:
-    return Operation("multiply", (a, b))
-
-
-def _negative(a: Expression) -> Expression:
-    return Operation("negate", (a,))

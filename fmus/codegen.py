@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 
 import casadi as ca
 
 from fmus.casadi_expressions import SX
+from fmus.dae import Dae
 from fmus.events import EventSystem, event_system
 from fmus.explicit import ExplicitModel
 from fmus.initialisation import InitialSystem, initial_system
@@ -84,12 +85,10 @@ def _tables(
         _table("char *const", "state_names", (f'"{name}"' for name in model.state_names)),
         "/* Relations that are false where their indicator is zero. */",
         _table("unsigned char", "is_strict", (str(int(s)) for s in events.strict)),
-        "/* Relations that stand for sample(), whose first instant is after initialisation. */",
-        _table(
-            "unsigned char",
-            "is_clock",
-            (str(int(i in dae.clock_relations)) for i in range(len(dae.relations))),
-        ),
+        "/* Relations that stand for sample(), whose first instant is after initialisation, */",
+        _table("unsigned char", "is_clock", _flags(dae.clock_relations, dae)),
+        "/* and for initial(), which holds until then. */",
+        _table("unsigned char", "is_initial", _flags(dae.initial_relations, dae)),
         "/* When-conditions that are initial(), and messages of those that terminate. */",
         _table("unsigned char", "at_start", (str(int(a)) for a in events.at_start)),
         _table("char *const", "terminates", map(_c_string, events.terminates)),
@@ -102,6 +101,10 @@ def _tables(
         "/* States that the initial equations determine. */",
         _table("int", "initial_states", map(str, initial.states)),
     ]
+
+
+def _flags(chosen: Collection[int], dae: Dae) -> list[str]:
+    return [str(int(i in chosen)) for i in range(len(dae.relations))]
 
 
 def _guesses(model: ExplicitModel) -> list[tuple[float, float]]:

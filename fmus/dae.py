@@ -178,6 +178,7 @@ class Dae:
         discrete_equations: Equations of discrete variables that hold at every event.
         assertions, terminations: What ends a simulation.
         clock_relations: Indices of the relations that stand for `sample(…)`.
+        initial_relations: Likewise for `initial()`; they hold while the model is initialised.
         aliases: Variables removed because another one equals them.
         constant_values: Variables removed because they equal a number.
         connectors: All mechanical connectors, by which effects attach.
@@ -197,6 +198,7 @@ class Dae:
     assertions: tuple[Assertion, ...] = ()
     terminations: tuple[Termination, ...] = ()
     clock_relations: frozenset[int] = frozenset()
+    initial_relations: frozenset[int] = frozenset()
     aliases: Mapping[str, Alias] = field(default_factory=dict[str, Alias])
     constant_values: Mapping[str, ConstantValue] = field(default_factory=dict[str, ConstantValue])
     connectors: tuple[Connector, ...] = ()

@@ -82,14 +82,16 @@ class Discrete:
 
     def _hidden(self) -> dict[str, Variable]:
         found: dict[str, Variable] = {}
-        for name, relation in self._arena.ticks.items():
+        for name, relation in self._arena.stepwise.ticks.items():
             step = Operation("add", (Previous(name), Literal(1)))
             self.when_equations.append(
                 WhenEquation(Operation("subtract", (Symbol(name), step)), relation)
             )
             found[name] = _counter(name, "Samples taken")
-        for floor in self._arena.floors:
-            self.equations.append(DiscreteEquation(floor.name, self._arena.floor_value(floor)))
+        for floor in self._arena.stepwise.floors:
+            self.equations.append(
+                DiscreteEquation(floor.name, self._arena.stepwise.floor_value(floor))
+            )
             found[floor.name] = _counter(floor.name, "Whole number below an expression")
         return found
 
@@ -106,8 +108,8 @@ class Discrete:
                     value = Operation("if", (guard, value, state))
                 self.reinits.append(Reinit(state.name, value, trigger))
             case "assert":
-                trigger = self._arena.condition(int(row["trigger"]))
-                guard = self._arena.condition(int(row["guard"]))
+                trigger = self._arena.guard(int(row["trigger"]))
+                guard = self._arena.guard(int(row["guard"]))
                 failed = guard
                 if not isinstance(trigger, Literal):
                     failed = Operation("and", (trigger, guard))
@@ -140,7 +142,7 @@ class Discrete:
             )
         if row["guard"] == row["trigger"]:
             return trigger, None
-        guard = self._arena.condition(int(row["guard"]), events=False)
+        guard = self._arena.guard(int(row["guard"]), events=False)
         return trigger, None if isinstance(guard, Literal) and guard.value else guard
 
     def _real(self, residual: Expression, row: Mapping[str, Any]) -> None:

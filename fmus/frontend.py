@@ -7,6 +7,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
 import rumoca
@@ -20,11 +21,14 @@ from fmus.reader import Reader
 from fmus.sources import ModelicaSource, library_classes, library_roots
 from foundation.errors import ModelicaError, UnknownNameError, UnsupportedModelError
 
+_NOWHERE = "text of the model/"
 _POSITION = re.compile(r"\[(?P<file>[^\[\]:]+):(?P<line>\d+):(?P<column>\d+)\]")
 # What the front end says in terms of its own data structures.
 _PLAIN = {
     "statement without a checked DAE owner": "the function has a while-loop, break or another "
     "statement that cannot be translated",
+    "missing function value definition": "a function that it calls has a while-loop, or leaves a "
+    "variable without a value on some path",
     "external function entry point": "external functions cannot be translated",
     "unresolved clock schedule|clock partition": "clocks, hold and previous cannot be translated",
     "model algorithm in canonical DAE": "an algorithm section with loops, or with several "
@@ -64,10 +68,10 @@ def load(source: ModelicaSource) -> Dae:
 # Discovery loads a few hundred variants of one model, and most of them twice.
 @lru_cache(maxsize=512)
 def _load(source: ModelicaSource) -> Dae:
-    lint.check_text(source)
+    lint.check_text(source.written)
     compiled = _compile(source)
     dae = Reader(source.short_name, source.file_name, compiled.dae, compiled.flat).read()
-    lint.check_model(source, dae, compiled.flat["variables"].keys())
+    lint.check_model(source.written, dae, compiled.flat["variables"].keys())
     return without_aliases(dae)
 
 
@@ -78,11 +82,16 @@ class _Compiled:
 
 
 def _compile(source: ModelicaSource) -> _Compiled:
-    # A session remembers classes and reads sibling files: a fresh one for every model.
+    # A session remembers classes, so there is a fresh one for every model. Where it is given the
+    # path of a file that exists, it also reads what stands beside it.
+    path = _NOWHERE + Path(source.file_name).name
     try:
         session = rumoca.Session(roots=library_roots(source))
-        model = session.loads(source.text, model=source.class_name, filename=source.file_name)
-        return _Compiled(json.loads(model.to_json("dae")), json.loads(model.to_json("flat")))
+        model = session.loads(source.text, model=source.class_name, filename=path)
+        dae = json.loads(model.to_json("dae"))
+        for row in dae["source_map"]["files"]:
+            row[1] = source.file_name if row[1] == path else row[1]
+        return _Compiled(dae, json.loads(model.to_json("flat")))
     except rumoca.RumocaError as error:
         if not source.defines and "base class not found" in str(error):
             # The user wrote a class name and no file: positions in our wrapper mean nothing.
@@ -95,16 +104,16 @@ def _explain(source: ModelicaSource, text: str) -> ModelicaError:
     """Turn the front end's message into one line that starts with file:line:column."""
     first = text.splitlines()[0].strip()
     where = _POSITION.search(text)
-    if where is None:
-        # Syntax errors carry a position only in the diagnostics of the whole text.
-        for diagnostic in rumoca.validate_source(source.text, filename=source.file_name):
-            where = _POSITION.search(str(diagnostic))
-            if where is not None:
-                break
+    written = source.written
     if where is not None:
-        place = f"{source.file_name}:{where['line']}:{where['column']}"
+        is_own = where["file"].startswith(_NOWHERE)
+        place = f"{source.file_name if is_own else where['file']}:{where['line']}:{where['column']}"
+    elif "parse source-root files" in text:
+        place, first = _malformed_file(source) or (source.origin, first)
     else:
-        place = _search_identifier(source, first)
+        # Syntax errors carry a position only in the diagnostics of the whole text.
+        place, _ = _first_diagnostic(written.text, written.file_name)
+        place = place or _search_identifier(written, first)
     message = re.sub(r"^\S+ could not be compiled: |^\w+ failed: \S+ failed in \w+: ", "", first)
     message = _POSITION.sub("", message).strip()
     for jargon, plain in _PLAIN.items():
@@ -117,6 +126,28 @@ def _explain(source: ModelicaSource, text: str) -> ModelicaError:
             remedy="connect every input, and give each variable exactly one equation",
         )
     return ModelicaError(f"{place}: {message}")
+
+
+def _first_diagnostic(text: str, file_name: str) -> tuple[str, str]:
+    """Return place and message of the first mistake that can be seen in one text alone."""
+    for diagnostic in rumoca.validate_source(text, filename=Path(file_name).name):
+        where = _POSITION.search(str(diagnostic))
+        if where is not None:
+            said = re.search(r"× (.*)", str(diagnostic))
+            message = said[1] if said else str(diagnostic.message).splitlines()[0]
+            return f"{file_name}:{where['line']}:{where['column']}", message
+    return "", ""
+
+
+def _malformed_file(source: ModelicaSource) -> tuple[str, str] | None:
+    """Find the file of a library that does not parse: its place, and what is wrong."""
+    for root in source.roots:
+        for path in sorted(root.rglob("*.mo")):
+            text = path.read_text(encoding="utf-8", errors="replace")
+            place, message = _first_diagnostic(text, str(path))
+            if place:
+                return place, message
+    return None
 
 
 def _search_identifier(source: ModelicaSource, message: str) -> str:

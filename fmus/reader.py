@@ -14,6 +14,7 @@ from fmus.dae import Connector, Dae, Position, Role, ScalarType, Variable
 from fmus.declarations import declaration_annotation
 from fmus.discrete import Discrete, simplified
 from fmus.expressions import Derivative, Expression, Operation, Symbol
+from fmus.structural import without_structural
 from foundation.errors import UnsupportedModelError
 
 _Part = TypeVar("_Part")
@@ -99,18 +100,28 @@ class Reader:
             residuals=tuple(residuals),
             residual_positions=tuple(positions),
             initial_residuals=tuple(initial_residuals),
-            relations=tuple(self._arena.relations),
+            relations=tuple(self._arena.stepwise.relations),
             delays=self._arena.delays,
             reinits=tuple(discrete.reinits),
             when_equations=tuple(discrete.when_equations),
             discrete_equations=tuple(discrete.equations),
             assertions=tuple(discrete.assertions),
             terminations=tuple(discrete.terminations),
-            clock_relations=frozenset(r.index for r in self._arena.clock_relations),
+            clock_relations=self._arena.stepwise.clock_relations,
+            initial_relations=self._arena.stepwise.initial_relations,
             connectors=tuple(self._connectors()),
             description=str(self._flat.get("model_description") or ""),
         )
-        return simplified(dae)
+        return simplified(without_structural(dae, self._structural()))
+
+    def _structural(self) -> set[str]:
+        """Parameters that the front end will not let change, other than final ones."""
+        final: Mapping[str, bool] = self._flat["variable_final_flags"]
+        return {
+            str(row["name"])
+            for row in self._store["variables"]
+            if not row["attributes"]["is_tunable"] and not final.get(row["name"], False)
+        }
 
     def _pairs(self, target: int, value: int) -> list[tuple[Expression, Expression]]:
         left = arrays.flat(self._arena.variable(int(target)))

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+from fmus.modelica_text import without_comments_and_strings
 from foundation.errors import InputError, ModelicaError
 from modelica import LIBRARY
 
 _CLASS_NAME = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*\Z")
+_WITHIN = re.compile(r"\A\s*within\b\s*([\w.]*)\s*;")
 _FIRST_CLASS = re.compile(
     r"^\s*(?:within[^;]*;\s*)?(?:(?:encapsulated|partial|final)\s+)*(?:model|block|class|package)\s+(\w+)",
     re.MULTILINE,
@@ -27,6 +29,8 @@ class ModelicaSource:
         origin: The MODEL as the user wrote it.
         roots: Modelica paths (folders of library packages) beside the bundled library.
         defines: False if `text` only wraps a class of a library.
+        file: Where a class is written that is a library's and yet the user's own, as in a file of
+            a package's folder.
     """
 
     text: str
@@ -35,6 +39,12 @@ class ModelicaSource:
     origin: str
     roots: tuple[Path, ...] = ()
     defines: bool = True
+    file: ModelicaSource | None = None
+
+    @property
+    def written(self) -> ModelicaSource:
+        """The text that the user wrote."""
+        return self.file or self
 
     @property
     def short_name(self) -> str:
@@ -64,12 +74,16 @@ def library_class(name: str, roots: tuple[Path, ...] = ()) -> ModelicaSource:
 def find_source(model: str, roots: tuple[Path, ...] = ()) -> ModelicaSource:
     """Return the source that a user's word for a Modelica model means.
 
+    A file beside a `package.mo` belongs to that package, which is read with it. Of other files,
+    none but the named one is read.
+
     Args:
         model: `Twinproof.Plants.Positioner`, `file.mo:Class.Name`, or `file.mo` (its first class).
         roots: Further Modelica paths.
 
     Raises:
-        ModelicaError: The file is not there, is not text, or holds no class.
+        ModelicaError: The file is not there, is not text, holds no class, or its within-clause is
+            not that of its folder.
         InputError: The word is neither a file nor a class name.
     """
     path_text, colon, class_name = model.partition(".mo:")
@@ -96,7 +110,7 @@ def find_source(model: str, roots: tuple[Path, ...] = ()) -> ModelicaSource:
                     remedy="name a file that contains `model Name … end Name;`",
                 )
             class_name = found[1]
-        return ModelicaSource(text, class_name, str(path), model, roots)
+        return _in_its_package(ModelicaSource(text, class_name, str(path), model, roots), path)
     if _CLASS_NAME.match(model):
         return library_class(model, roots)
     raise InputError(
@@ -104,6 +118,42 @@ def find_source(model: str, roots: tuple[Path, ...] = ()) -> ModelicaSource:
         where="MODEL",
         remedy="write file.fmu, file.mo:Class.Name or a class such as Twinproof.Plants.Positioner",
     )
+
+
+def _in_its_package(source: ModelicaSource, path: Path) -> ModelicaSource:
+    """Return the source of a file that may belong to a package by its folder."""
+    clause = _WITHIN.search(without_comments_and_strings(source.text))
+    within = clause[1] if clause else ""
+    packages = _packages_around(path.absolute())
+    package = ".".join(folder.name for folder in packages)
+    if within != package:
+        said = f"within {within};" if within else "no within-clause"
+        raise ModelicaError(
+            f"the file has {said} but stands in "
+            + (f"the folder of the package {package}" if package else "no folder of a package"),
+            where=f"{path}:1:1",
+            remedy=f"begin it with `within {package};`"
+            if package
+            else f"move it beside the package.mo of {within}, or remove the clause",
+        )
+    if path.name != "package.mo" and not packages:
+        return source
+    top = packages[0] if packages else path.absolute().parent
+    own = source.class_name.removeprefix(f"{within}.")
+    known = any(root.resolve() in (top.resolve(), top.resolve().parent) for root in source.roots)
+    roots = source.roots if known or top == LIBRARY else (top, *source.roots)
+    wrapped = library_class(f"{within}.{own}".strip("."), roots)
+    return replace(wrapped, file=replace(source, class_name=own))
+
+
+def _packages_around(path: Path) -> list[Path]:
+    """Return the folders of the packages that a file belongs to, outermost first."""
+    folders: list[Path] = []
+    folder = path.parent.parent if path.name == "package.mo" else path.parent
+    while (folder / "package.mo").is_file():
+        folders.insert(0, folder)
+        folder = folder.parent
+    return folders
 
 
 def library_roots(source: ModelicaSource) -> list[str]:

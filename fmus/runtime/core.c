@@ -109,7 +109,7 @@ static bool solve_initial_equations(Instance *m)
 }
 
 /* Relations, discrete variables and initial equations may depend on each other; a few passes settle
- * them. What sample() asks for happens after the start. */
+ * them. What sample() asks for happens after the start, what initial() asks for until then. */
 static bool settle_start(Instance *m)
 {
     State *s = &m->now;
@@ -122,8 +122,8 @@ static bool settle_start(Instance *m)
         evaluate_indicators(m, &at, indicators);
         relations_refresh(m, indicators);
         for (int i = 0; i < N_RELATIONS; i++)
-            if (model_is_clock[i])
-                s->relations[i] = 0;
+            if (model_is_clock[i] || model_is_initial[i])
+                s->relations[i] = model_is_initial[i];
         const bool jumped = discrete_update(m);
         if (!jumped && memcmp(before, s->relations, sizeof before) == 0)
             return loops_are_solved(m, &at);

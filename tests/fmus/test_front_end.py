@@ -308,7 +308,7 @@ def test_mistakes_have_a_position(text, place, message):
     ("text", "message"),
     [
         ("String s = \"a\"; Real x; equation der(x) = -x;", "string variable 's'"),
-        ("Real x; Real y; equation der(x) = -y; y = if initial() then 1 else x;", "initial"),
+        ("Real x; Real y; equation der(x) = -y; y = if terminal() then 1 else x;", "terminal"),
     ],
 )  # fmt: skip
 def test_untranslated_constructs_are_refused_by_name(text, message):

@@ -355,6 +355,11 @@ def rounding(t):
 
 
 @reference
+def initial_flag(t):
+    return {"x": decay(t, 5, 2), "rate": 2 + 0 * t, "high": 1 + 0 * t}
+
+
+@reference
 def initial_equation(t):
     # der(y) = 1 gives y = 1 at the start, and der(x) = 0 then x = y = 1.
     return ode(lambda s, z: [-z[0] + z[1] * cos(s), -2 * z[1] + 3], [1, 1], t, "xy")

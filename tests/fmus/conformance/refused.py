@@ -26,10 +26,6 @@ REFUSED = {
         " end B; B b(redeclare model L = M(k = 4)); end T;",
         "would be lost",
     ),
-    "initial() in an expression": (
-        "model T Real x; equation der(x) = if initial() then 1 else 2; end T;",
-        r"initial\(\) outside",
-    ),
     "initial() within a longer condition": (
         "model T Real x; discrete Real d; equation der(x) = 1;"
         " when initial() and x > 0 then d = 1; end when; end T;",

@@ -1,0 +1,4 @@
+within Workshop;
+package Components "Of drive trains"
+  extends Icons.Package;
+end Components;

@@ -1,0 +1,3 @@
+within Workshop;
+package Examples "Models that can be simulated"
+end Examples;
