@@ -10,6 +10,7 @@ Example:
 from __future__ import annotations
 
 from foundation.errors import TwinproofError
+from identification import calibration
 from identification.comparison import Comparison
 from identification.discovery.diagnosis import Diagnosis, Outcome
 from identification.discovery.ladder import Improvement
@@ -30,6 +31,7 @@ __all__ = [
     "Recording",
     "Sensor",
     "TwinproofError",
+    "calibration",
     "compare",
     "diagnose",
     "extend",
