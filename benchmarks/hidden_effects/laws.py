@@ -1,3 +1,4 @@
+# ruff: noqa: ARG005 -- every law is called alike
 """What the benchmark hides: laws whose shapes differ from the library's. No import of the product.
 
 A force law gets position and speed in units of what is usual at its place and answers in units of

@@ -12,7 +12,7 @@ import twinproof
 from benchmarks.hidden_effects.cases import Case, right_labels
 from benchmarks.hidden_effects.detectability import log_likelihood_ratio
 from benchmarks.hidden_effects.plants import PLANTS, Plant
-from benchmarks.hidden_effects.simulation import FellOver, Run, simulate
+from benchmarks.hidden_effects.simulation import FellOverError, Run, simulate
 
 _MODELS = Path(__file__).parent / "models"
 _HORIZON = 1.0  # [s]
@@ -94,7 +94,7 @@ def score(case: Case) -> Score:
             )
             for shift in (0, 100_000)
         )
-    except FellOver as fell:
+    except FellOverError as fell:
         return Score(case.name, case.group, case.plant, trouble=str(fell))
     nats = log_likelihood_ratio(plant, parameters, run, case.noise) if case.hidden else 0.0
     model = model_of(plant)

@@ -50,7 +50,7 @@ class Run:
     states: Array
 
 
-class FellOver(RuntimeError):
+class FellOverError(RuntimeError):
     """The machine left the region in which it works."""
 
 
@@ -75,7 +75,7 @@ def simulate(
         disturbance: Standard deviation of a first-order force at the input, in usual commands.
 
     Raises:
-        FellOver: It did.
+        FellOverError: It did.
     """
     rng = np.random.default_rng(seed)
     n = round(duration / SAMPLE) + 1
@@ -113,11 +113,11 @@ def simulate(
             drive = np.array([u + pushes[k]])
             x = _step(plant, parameters, at_flange, x, drive, t + i * h, h)
         if not np.all(np.abs(x) < 1e3):
-            raise FellOver(f"{plant.name} with {[e.label for e in hidden]} at {t:.2f} s")
+            raise FellOverError(f"{plant.name} with {[e.label for e in hidden]} at {t:.2f} s")
     if plant.name in ("wheeled pendulum", "balancing robot"):
         tilt = states[:, 1] if plant.name == "wheeled pendulum" else states[:, 0]
         if np.max(np.abs(tilt)) > 1.2:
-            raise FellOver(f"{plant.name} with {[e.label for e in hidden]}")
+            raise FellOverError(f"{plant.name} with {[e.label for e in hidden]}")
     return Run(np.arange(n) * SAMPLE, command, measured, exact, states)
 
 
@@ -213,4 +213,4 @@ def windows(
     return out
 
 
-__all__ = ["MEMORIES", "SAMPLE", "FellOver", "Hidden", "Run", "simulate", "windows"]
+__all__ = ["MEMORIES", "SAMPLE", "FellOverError", "Hidden", "Run", "simulate", "windows"]

@@ -32,7 +32,8 @@ def _share(name: str, rows: Sequence[Row], good: Callable[[Row], float], asked: 
     total = sum(good(row) for row in rows)
     low, high = interval(total, len(rows))
     value = 100 * total / len(rows) if rows else float("nan")
-    return f"| {name} | {value:.1f} % | {100 * low:.1f} to {100 * high:.1f} % | {len(rows)} | {asked} |"
+    band = f"{100 * low:.1f} to {100 * high:.1f} %"
+    return f"| {name} | {value:.1f} % | {band} | {len(rows)} | {asked} |"
 
 
 def table(rows: Sequence[Row]) -> str:
