@@ -110,7 +110,7 @@ class InnovationFilter(Shooting):
 
     def __init__(self, dae: Dae, output_names: Sequence[str], disturbances: Sequence[str]) -> None:
         super().__init__(dae, output_names, disturbances)
-        self._filter = _compiled(self.model, self.output_names, self.sensitive)
+        self.library = _compiled(self.model, self.output_names, self.sensitive)
 
     def filter(
         self,
@@ -158,7 +158,7 @@ class InnovationFilter(Shooting):
         ]
         u, y, p0, phi, q, qx, r = (_pointer(a) for a in arrays)
         scratch = np.zeros(len(p))
-        finite = self._filter.twinproof_innovations(
+        finite = self.library.twinproof_innovations(
             n,
             max(1, round(h / LONGEST_STEP)),
             ctypes.c_double(h),

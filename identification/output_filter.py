@@ -30,6 +30,7 @@ from foundation.errors import InputError
 Array = NDArray[np.float64]
 
 _TINY = 1e-300
+_CORRELATED = 8.0  # multiples of τ1 + τ2 after which a filtered residual is forgotten
 _FEWEST_SAMPLES = 30  # τ in samples; (T/τ)²/12 is the error of straight lines
 _LEAST_WINDOWS = 10  # record in units of τ
 _ABOVE_FLOOR = 10.0  # a periodogram's scatter exceeds this rarely
@@ -108,7 +109,7 @@ class OutputFilter:
 
         What unknown initial values leave in each filtered equation is a combination of these two.
         """
-        transition, _, _ = self._step
+        transition, _, _ = self.step
         steps = np.arange(n)
         # x2 started alone, and x2 driven by x1 started alone; both from the exact transition.
         alone = transition[1, 1] ** steps
@@ -117,7 +118,7 @@ class OutputFilter:
         return np.column_stack([alone, driven / max(float(np.max(driven)), _TINY)])
 
     @cached_property
-    def _step(self) -> tuple[Array, Array, Array]:
+    def step(self) -> tuple[Array, Array, Array]:
         """x[k+1] = Φ x[k] + Γ0 u(start) + Γ1 (u(end) - u(start)), by one matrix exponential.
 
         C. Van Loan, "Computing integrals involving the matrix exponential", IEEE Trans. Automatic
@@ -136,7 +137,7 @@ class OutputFilter:
         return power[:2, :2], power[:2, 2], power[:2, 3]
 
     def _states(self, start: Array, end: Array | None) -> tuple[Array, Array]:
-        transition, gamma0, gamma1 = self._step
+        transition, gamma0, gamma1 = self.step
         before = start[:-1]
         after = start[1:] if end is None else end[:-1]
         drive1 = gamma0[0] * before + gamma1[0] * (after - before)
@@ -151,6 +152,11 @@ def _recursion(drive: Array, pole: float) -> Array:
     """x[k] = pole·x[k-1] + drive[k]."""
     filtered: Any = lfilter([1.0], [1.0, -pole], drive, axis=0)
     return filtered
+
+
+def correlated_samples(tau: tuple[float, float], sample_time: float) -> int:
+    """Return over how many samples filtered residuals are taken as correlated."""
+    return int(np.ceil(_CORRELATED * sum(tau) / sample_time))
 
 
 def choose_tau(positions: Sequence[Array], sample_time: float) -> tuple[float, float, float]:

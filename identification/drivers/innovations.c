@@ -33,7 +33,7 @@ int twinproof_innovations(int n, int substeps, double h, double t0, const double
       double *res[3] = {y, C, D};
       twinproof_output_sensitive(arg, res, 0, w, 0);
     }
-    memcpy(z0, z, sizeof z0);
+    memcpy(z0, z, NZ * sizeof(double));
     for (i = 0; i < NY; i++) { /* one scalar measurement after the other */
       double measured = ym[(long)k * NY + i], e, S = r[i];
       v[(long)k * NY + i] = 0;
@@ -58,7 +58,7 @@ int twinproof_innovations(int n, int substeps, double h, double t0, const double
       for (l = 0; l < NZ; l++)
         if (P[l * NZ + l] < 1e-300) P[l * NZ + l] = 1e-300;
     }
-    if (track) memcpy(track + (long)k * NZ, z, sizeof z0);
+    if (track) memcpy(track + (long)k * NZ, z, NZ * sizeof(double));
     if (spread)
       for (l = 0; l < NZ; l++) spread[(long)k * NZ + l] = P[l * NZ + l];
     if (k + 1 == n) break;

@@ -13,6 +13,7 @@ from identification.estimators.differencing import Differencing
 from identification.estimators.filtered_least_squares import FilteredLeastSquares
 from identification.estimators.kalman import Kalman
 from identification.estimators.output_error import OutputError
+from identification.estimators.recursive import Recursive
 from identification.estimators.simulated_instruments import SimulatedInstruments
 from identification.estimators.total_least_squares import TotalLeastSquares
 
@@ -22,6 +23,7 @@ ESTIMATORS: Mapping[str, Callable[[], Estimator]] = {
     "output-filter": FilteredLeastSquares,
     "instrumental": DelayedInstruments,
     "simulated-instruments": SimulatedInstruments,
+    "recursive": Recursive,
     "total-least-squares": TotalLeastSquares,
     "bias-compensated": BiasCompensated,
     "output-error": OutputError,
@@ -55,6 +57,7 @@ __all__ = [
     "FilteredLeastSquares",
     "Kalman",
     "OutputError",
+    "Recursive",
     "SimulatedInstruments",
     "TotalLeastSquares",
     "estimator",

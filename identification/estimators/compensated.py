@@ -29,9 +29,8 @@ from identification.estimators.base import Estimator
 from identification.estimators.filtered_least_squares import (
     Filtered,
     FilteredLeastSquares,
-    correlated_samples,
 )
-from identification.output_filter import Array
+from identification.output_filter import Array, correlated_samples
 from identification.problem import Problem
 from identification.regressors.least_squares import (
     Reduced,

@@ -10,14 +10,13 @@ import numpy as np
 from foundation.errors import ExcitationError, InputError
 from identification.estimate import Estimate
 from identification.estimators.base import Estimator
-from identification.output_filter import Array, OutputFilter, choose_tau
+from identification.output_filter import Array, OutputFilter, choose_tau, correlated_samples
 from identification.problem import Problem
 from identification.regressors import Regression, derive
 from identification.regressors.least_squares import noise_share, solve, to_estimate
 from identification.regressors.signals import Rows, filtered_rows, signals
 
 _SETTLED = 10.0  # time constants after which unknown initial values have died out
-_CORRELATED = 8.0  # multiples of τ1 + τ2 over which filtered residuals are taken as correlated
 _TRIED = (1.0, 1 / 3, 3.0, 1 / 9, 9.0)  # time constants, in units of the motion's own
 _CLEAN = 0.05  # noise share at which no other time constant is tried
 _NOISY = 0.1  # noise share beyond which the bias is worth a warning
@@ -50,11 +49,6 @@ class Filtered:
             "noise_sd": dict(zip(problem.output_names, self.noise_sd.tolist(), strict=True)),
             "noise_share": self.share,
         }
-
-
-def correlated_samples(tau: tuple[float, float], sample_time: float) -> int:
-    """Return over how many samples filtered residuals are taken as correlated."""
-    return int(np.ceil(_CORRELATED * sum(tau) / sample_time))
 
 
 @dataclass(frozen=True)

@@ -26,9 +26,8 @@ from identification.estimate import Estimate
 from identification.estimators.base import Estimator
 from identification.estimators.filtered_least_squares import (
     FilteredLeastSquares,
-    correlated_samples,
 )
-from identification.output_filter import Array, OutputFilter
+from identification.output_filter import Array, OutputFilter, correlated_samples
 from identification.problem import Problem
 from identification.regressors import Regression
 from identification.regressors.least_squares import (

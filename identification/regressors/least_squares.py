@@ -376,20 +376,29 @@ def _sandwich(factor: Array, scores: Array, correlation: int) -> tuple[Array, fl
     blocks leave few of them; the factor for that is the one of N. M. Kiefer, T. J. Vogelsang,
     Econometric Theory 21 (2005) 1130-1164, table 1 (Bartlett, two-sided 5 %).
     """
+    bread, condition, weakest = scaled_condition(factor)
+    n, k = scores.shape
+    length = int(np.clip(correlation, 1, max(n // 4, 1)))
+    padded = np.concatenate([np.zeros((length, k)), scores, np.zeros((length, k))])
+    total = np.cumsum(padded, axis=0)
+    blocks = total[length:] - total[:-length]
+    meat = blocks.T @ blocks / length * few_blocks_factor(length / n) ** 2
+    return bread @ meat @ bread, condition, weakest
+
+
+def scaled_condition(factor: Array) -> tuple[Array, float, Array]:
+    """Return (JᵀJ)⁻¹, the condition number of J with scaled columns, and the weakest direction."""
     norms = np.linalg.norm(factor, axis=0)
     norms = np.where(norms > 0, norms, 1.0)
     _, s, vt = np.linalg.svd(factor / norms, full_matrices=False)
-    n, k = scores.shape
-    length = int(np.clip(correlation, 1, max(n // 4, 1)))
-    padded = np.concatenate([np.zeros((length, k)), scores / norms, np.zeros((length, k))])
-    total = np.cumsum(padded, axis=0)
-    blocks = total[length:] - total[:-length]
-    b = length / n
-    few_blocks = (1.9600 + 2.9694 * b + 0.4160 * b**2 - 0.5324 * b**3) / 1.9600
-    meat = blocks.T @ blocks / length * few_blocks**2
-    bread = (vt.T / s**2) @ vt
-    covariance = bread @ meat @ bread / np.outer(norms, norms)
-    return covariance, float(s[0] / s[-1]), vt[-1]
+    half = vt / s[:, None] / norms
+    return half.T @ half, float(s[0] / s[-1]), vt[-1]
+
+
+def few_blocks_factor(share: float) -> float:
+    """Return by how much a standard deviation from blocks of this share of the record is short."""
+    b = share
+    return (1.9600 + 2.9694 * b + 0.4160 * b**2 - 0.5324 * b**3) / 1.9600
 
 
 def to_estimate(
