@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import tempfile
 import threading
 from collections.abc import Mapping, Sequence
@@ -136,6 +137,9 @@ class Fmu:
                 where=str(self.path),
                 remedy="check it with `twinproof check`",
             ) from error
+        if self.description.fmi == "1.0" and kind == "CoSimulation":
+            # FMPy declares that it returns a string, and crashes on a status other than zero.
+            instance._functions["fmi1InitializeSlave"].restype = ctypes.c_int
         return instance, messages
 
     def simulate(

@@ -11,7 +11,7 @@ from scipy import signal, stats
 
 from identification.prediction import Prediction
 from identification.problem import Matrix, Problem, Vector
-from identification.shooting import Shooting
+from identification.simulator import Simulator
 
 _SPANS = 50
 _SHOWN = 3
@@ -76,7 +76,7 @@ class Comparison:
 
 def compare(
     problem: Problem,
-    shooting: Shooting,
+    shooting: Simulator,
     prediction: Prediction,
     *,
     user_name: Callable[[str], str] = str,
@@ -127,7 +127,7 @@ def whiteness(residual: Vector) -> float:
 
 
 def observed_variables(
-    problem: Problem, shooting: Shooting, *, user_name: Callable[[str], str] = str
+    problem: Problem, shooting: Simulator, *, user_name: Callable[[str], str] = str
 ) -> Mapping[str, Vector]:
     """Return inputs, measured outputs, and the rates that can be had by differentiating them.
 

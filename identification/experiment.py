@@ -8,11 +8,14 @@ from functools import cached_property
 
 import numpy as np
 
+from fmus.black_box import BlackBox
 from foundation.errors import DivergenceError
+from identification.fmu_shooting import FmuShooting
 from identification.gauss_newton import Fit, fit
 from identification.prediction import WINDOW, Prediction, predict
 from identification.problem import Matrix, Problem, Vector
 from identification.shooting import Shooting
+from identification.simulator import Simulator
 from identification.windows import Window, cut, fitting_length, guess_states
 
 STAGES = (0.25, 0.5, 1.0)
@@ -29,7 +32,7 @@ class Experiment:
     """
 
     problem: Problem
-    shooting: Shooting
+    shooting: Simulator
 
     @classmethod
     def of(cls, problem: Problem) -> Experiment:
@@ -37,7 +40,10 @@ class Experiment:
 
         Raises:
             UnsupportedModelError: The model cannot be simulated with sensitivities.
+            FmuError: It is an FMU that does not load.
         """
+        if isinstance(problem.dae, BlackBox):
+            return cls(problem, FmuShooting(problem.dae, problem.output_names, problem.free))
         return cls(problem, Shooting(problem.dae, problem.output_names, problem.free))
 
     @cached_property

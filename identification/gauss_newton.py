@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from identification.problem import Matrix, Problem, Vector
-from identification.shooting import Shooting
+from identification.simulator import Simulator
 from identification.windows import Window
 
 NDArrayBool = NDArray[np.bool_]
@@ -86,7 +86,7 @@ class Fit:
 
 def simulate(
     problem: Problem,
-    shooting: Shooting,
+    shooting: Simulator,
     windows: Sequence[Window],
     x0: Matrix,
     values: Mapping[str, float],
@@ -104,7 +104,7 @@ def simulate(
 
 def linearise(
     problem: Problem,
-    shooting: Shooting,
+    shooting: Simulator,
     windows: Sequence[Window],
     x0: Matrix,
     values: Mapping[str, float],
@@ -203,7 +203,7 @@ class _Point:
 
 def fit(
     problem: Problem,
-    shooting: Shooting,
+    shooting: Simulator,
     windows: Sequence[Window],
     x0: Matrix,
     values: Mapping[str, float],
@@ -278,7 +278,7 @@ def seen(at: Linearised) -> NDArrayBool:
 
 def _step(
     problem: Problem,
-    shooting: Shooting,
+    shooting: Simulator,
     windows: Sequence[Window],
     names: Sequence[str],
     chosen: NDArrayBool,

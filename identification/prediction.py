@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from identification.problem import Matrix, Problem, Vector
-from identification.shooting import Shooting
+from identification.simulator import Simulator
 from identification.windows import (
     Window,
     cut,
@@ -99,7 +99,7 @@ class Prediction:
 
 def predict(
     problem: Problem,
-    shooting: Shooting,
+    shooting: Simulator,
     values: Mapping[str, float],
     horizon: float | None,
     *,
@@ -200,7 +200,7 @@ def noise_estimate(problem: Problem) -> Vector:
 
 
 def choose_horizon(
-    problem: Problem, shooting: Shooting, values: Mapping[str, float]
+    problem: Problem, shooting: Simulator, values: Mapping[str, float]
 ) -> float | None:
     """Return None (free simulation) where that stays bounded, else `WINDOW` (20 samples at least).
 

@@ -19,6 +19,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from fmus.black_box import check_equations
 from fmus.casadi_expressions import SX
 from fmus.compiler import shared_library
 from fmus.dae import Dae
@@ -194,6 +195,7 @@ def _pointer(array: NDArray[np.float64]) -> ctypes.c_void_p:
 
 @lru_cache(maxsize=256)
 def _plain(dae: Dae) -> ExplicitModel:
+    check_equations(dae)
     if dae.when_equations or dae.reinits:
         raise UnsupportedModelError(
             f"{dae.name} changes its state at events, which has no sensitivities here",

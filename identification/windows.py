@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from identification.problem import Matrix, Problem, Vector
-from identification.shooting import Shooting
+from identification.simulator import Simulator
 
 # Share of a window that may be used to estimate its initial state, and is therefore not scored.
 SETTLING_SHARE = 0.1
@@ -66,7 +66,7 @@ def settling_samples(window: Window, horizon_samples: int | None = None) -> int:
     return min(max(_SHORTEST_SETTLING, round(SETTLING_SHARE * length)), len(window) // 2)
 
 
-def guess_states(problem: Problem, shooting: Shooting, windows: Sequence[Window]) -> Matrix:
+def guess_states(problem: Problem, shooting: Simulator, windows: Sequence[Window]) -> Matrix:
     """Guess each window's initial state from the measurement alone, by local polynomials.
 
     Measured states take the fitted value, a state that is the derivative of a measured state its
@@ -97,7 +97,7 @@ def guess_states(problem: Problem, shooting: Shooting, windows: Sequence[Window]
 
 def settle(
     problem: Problem,
-    shooting: Shooting,
+    shooting: Simulator,
     window: Window,
     samples: int,
     guess: Vector,

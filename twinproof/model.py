@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
+from fmus.black_box import black_box
 from fmus.dae import Dae
 from fmus.frontend import load
 from fmus.places import Place, places
@@ -16,11 +17,12 @@ from foundation.errors import UnsupportedModelError
 
 @dataclass(frozen=True)
 class Model:
-    """A model given by Modelica source.
+    """A model given by Modelica source, or an FMU of which no equations are known.
 
     Attributes:
         word: As the user named it.
-        source: Its Modelica source.
+        modelica: Its Modelica source, if there is one.
+        fmu: The FMU, if it is one.
 
     Example:
         >>> model = Model.of("Twinproof.Plants.Positioner")
@@ -29,41 +31,61 @@ class Model:
     """
 
     word: str
-    source: ModelicaSource
+    modelica: ModelicaSource | None = None
+    fmu: Path | None = None
 
     @classmethod
     def of(cls, word: str, modelica_path: Sequence[Path] = ()) -> Model:
         """Find a model.
 
         Args:
-            word: `file.mo:Class.Name` or a class of a library, as `Twinproof.Plants.Positioner`.
+            word: `file.mo:Class.Name`, a class of a library, as `Twinproof.Plants.Positioner`, or
+                `file.fmu`.
             modelica_path: Folders of further libraries.
 
         Raises:
             ModelicaError: There is no such file.
-            UnsupportedModelError: An FMU is given where Modelica source is needed.
+            UnsupportedModelError: A system of several FMUs is given, which can only be simulated.
         """
-        if word.endswith((".fmu", ".ssp")):
+        if word.endswith(".ssp"):
+            raise UnsupportedModelError(
+                "a system of FMUs can only be simulated",
+                where=word,
+                remedy="give one model: an FMU, or Modelica source as file.mo:Class.Name",
+            )
+        if word.endswith(".fmu"):
+            return cls(word, fmu=Path(word))
+        return cls(word, find_source(word, tuple(modelica_path)))
+
+    @property
+    def source(self) -> ModelicaSource:
+        """Its Modelica source.
+
+        Raises:
+            UnsupportedModelError: It is an FMU.
+        """
+        if self.modelica is None:
             raise UnsupportedModelError(
                 "this needs the model's equations, which an FMU does not carry",
-                where=word,
+                where=self.word,
                 remedy="give the Modelica source, as file.mo:Class.Name",
             )
-        return cls(word, find_source(word, tuple(modelica_path)))
+        return self.modelica
 
     @cached_property
     def dae(self) -> Dae:
-        """The flat model.
+        """The flat model; of an FMU, its variables without equations.
 
         Raises:
             ModelicaError: The source is wrong; the message names file:line:column.
+            FmuError: The FMU cannot be read.
         """
-        return load(self.source)
+        return black_box(self.fmu) if self.fmu is not None else load(self.source)
 
     @cached_property
     def places(self) -> tuple[Place, ...]:
         """Where effects can act."""
-        return places(self.source)
+        return places(self.modelica or self.dae)
 
     @property
     def variables(self) -> Mapping[str, str]:

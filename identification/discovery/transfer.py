@@ -9,7 +9,7 @@ from fmus.dae import Role
 from identification.discovery.extension import ExtendedModel
 from identification.experiment import Experiment
 from identification.problem import Matrix, Problem, fitted_by_default
-from identification.shooting import Shooting
+from identification.simulator import Simulator
 from identification.windows import Window, guess_states
 
 
@@ -57,7 +57,7 @@ def transfer_problem(
 
 def transfer_states(
     problem: Problem,
-    shooting: Shooting,
+    shooting: Simulator,
     model: ExtendedModel,
     windows: Sequence[Window],
     experiment: Experiment,

@@ -15,6 +15,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from fmus.black_box import check_equations
 from foundation.errors import DivergenceError
 from identification.estimate import Estimate, ParameterEstimate
 from identification.estimators.base import Estimator
@@ -47,6 +48,7 @@ class Kalman(Estimator):
 
     def estimate(self, problem: Problem) -> Estimate:
         """Fit the free parameters and the disturbances' numbers."""
+        check_equations(problem.dae)
         experiment = Experiment.of(problem)
         fit = experiment.fit_stages(best_start(experiment).values)[-1]
         rough = estimate_of(problem, fit, self.method)

@@ -13,6 +13,7 @@ import numpy as np
 import sympy as sp
 from numpy.typing import NDArray
 
+from fmus.black_box import check_equations
 from fmus.dae import Dae
 from foundation.errors import UnknownNameError
 from identification.regressors.base_parameters import LinearForm, linear_form
@@ -195,6 +196,7 @@ def _derive(
     measured: Collection[str],
     use_rates: bool,
 ) -> Regression:
+    check_equations(dae)
     independent = [v.name for v in dae.parameters if v.name not in dae.dependent_parameters]
     for name in free:
         if name not in independent:

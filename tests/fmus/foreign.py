@@ -93,3 +93,34 @@ def by_pythonfmu3(folder):
     script = Path(folder) / "lag3.py"
     script.write_text(text)
     return Path(FmuBuilder.build_FMU(str(script), dest=str(folder)))
+
+
+DESCRIPTION1 = """<?xml version="1.0" encoding="UTF-8"?>
+<fmiModelDescription fmiVersion="1.0" modelName="Foreign1" modelIdentifier="Foreign1" guid="{{1}}"
+    variableNamingConvention="flat" numberOfContinuousStates="1" numberOfEventIndicators="0">
+<ModelVariables>
+<ScalarVariable name="u" valueReference="0" causality="input"><Real start="0"/></ScalarVariable>
+<ScalarVariable name="y" valueReference="1" causality="output"><Real/></ScalarVariable>
+<ScalarVariable name="rate" valueReference="2" variability="parameter"><Real start="2" min="0"
+    unit="1/s"/></ScalarVariable>
+<ScalarVariable name="steps" valueReference="3" variability="discrete" causality="output"><Integer
+    /></ScalarVariable>
+<ScalarVariable name="slope" valueReference="4"><Real/></ScalarVariable>
+</ModelVariables>
+{implementation}</fmiModelDescription>"""
+STAND_ALONE = """<Implementation><CoSimulation_StandAlone><Capabilities
+    canHandleVariableCommunicationStepSize="true"/></CoSimulation_StandAlone></Implementation>
+"""
+
+
+def version_1(folder, *, co_simulation=True):
+    """Write an FMI 1.0 FMU; that version has one kind a file."""
+    library = Path(folder) / "Foreign1.so"
+    if not library.exists():
+        compile_library([Path(__file__).parent / "foreign1.c"], library, flags=["-O1", "-w"])
+    path = Path(folder) / f"Foreign1{'C' if co_simulation else 'M'}.fmu"
+    text = DESCRIPTION1.format(implementation=STAND_ALONE if co_simulation else "")
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("modelDescription.xml", text)
+        archive.write(library, "binaries/linux64/Foreign1.so")
+    return path

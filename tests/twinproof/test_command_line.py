@@ -312,7 +312,10 @@ def bad_inputs(folder: Path) -> dict[str, tuple[list[object], str]]:
             ["improve", MODEL, good, "--holdout", good, "-o", folder / "out"],
             r"hold-out",
         ),
-        "FMU where equations are needed": (["diagnose", "a.fmu", good], r"Modelica"),
+        "FMU where equations are needed": (
+            ["extend", "a.fmu", "--add", "x@y", "-o", "b.mo"],
+            r"Modelica",
+        ),
         "missing FMU": (["check", folder / "none.fmu"], r"none\.fmu"),
         "not an FMU": (["check", good], r"good\.csv"),
         "unknown target": (

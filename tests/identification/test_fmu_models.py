@@ -1,0 +1,141 @@
+"""FMUs in the place of Modelica source: compared and fitted through FMI alone."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.integrate import solve_ivp
+
+from fmus.black_box import black_box
+from fmus.dae import ScalarType
+from fmus.package import cached_fmu, export
+from fmus.sources import library_class
+from foundation.errors import FmuError, UnknownNameError, UnsupportedModelError
+from twinproof import Model, compare, diagnose, identify, read_recording
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "fmus"))
+import foreign
+
+PENDULUM = "Twinproof.Plants.Pendulum"
+TRUE = {"J": 0.2, "mgl": 3.5, "d": 0.1}
+
+
+@pytest.fixture(scope="module")
+def swing(tmp_path_factory):
+    """A pendulum driven by a held torque, by SciPy, with noise."""
+    h, n = 0.01, 500
+    time = np.arange(n) * h
+    tau = 1.2 * (np.sin(1.9 * time) + 0.7 * np.sin(5.1 * time + 1))
+    state, theta = np.array([0.3, 0.0]), np.zeros(n)
+    for k in range(n):
+        theta[k] = state[0]
+
+        def rhs(_, x, u=tau[k]):
+            return [x[1], (u - 3.5 * np.sin(x[0]) - 0.1 * x[1]) / 0.2]
+
+        state = solve_ivp(rhs, (0, h), state, rtol=1e-9, atol=1e-11).y[:, -1]
+    theta += 1e-3 * np.random.default_rng(5).standard_normal(n)
+    path = tmp_path_factory.mktemp("swing") / "swing.csv"
+    pd.DataFrame({"time": time, "tau": tau, "theta": theta}).to_csv(path, index=False)
+    return path
+
+
+def record(model, path):
+    return read_recording(path, model)
+
+
+@pytest.fixture(scope="module", params=["2", "3"])
+def pendulum(request, tmp_path_factory):
+    # Outside of the cache, it is foreign.
+    path = tmp_path_factory.mktemp("fmu") / "pendulum.fmu"
+    export(library_class(PENDULUM), path, fmi=request.param)
+    return Model.of(str(path))
+
+
+def test_it_compares_as_its_source_does(pendulum, swing):
+    source = Model.of(PENDULUM)
+    values = {"J": 0.21, "d": 0.05}
+    for horizon in ("free", "1.0"):
+        ours = compare(source, record(source, swing), parameters=values, horizon=horizon)
+        there = compare(pendulum, record(pendulum, swing), parameters=values, horizon=horizon)
+        a, b = (c.comparison.channels["theta"].rmse for c in (ours, there))
+        assert b == pytest.approx(a, rel=1e-3)
+        assert there.horizon == ours.horizon
+
+
+def test_it_is_fitted_as_its_source_is(pendulum, swing):
+    source = Model.of(PENDULUM)
+    ours = identify(source, record(source, swing), method="output-error").estimate
+    there = identify(pendulum, record(pendulum, swing)).estimate
+    assert set(there.parameters) == set(TRUE)
+    for name, parameter in there.parameters.items():
+        assert parameter.value == pytest.approx(TRUE[name], abs=5 * parameter.sd)
+        assert parameter.value == pytest.approx(ours.parameters[name].value, rel=1e-4)
+        assert parameter.sd == pytest.approx(ours.parameters[name].sd, rel=0.02)
+        assert parameter.unit == ours.parameters[name].unit
+
+
+def test_what_needs_equations_says_so(pendulum, swing):
+    data = record(pendulum, swing)
+    for method in ("kalman", "output-filter", "differencing", "instrumental"):
+        with pytest.raises(UnsupportedModelError, match="equations"):
+            identify(pendulum, data, method=method)
+    with pytest.raises(UnsupportedModelError, match="equations"):
+        diagnose(pendulum, data)
+    assert [place.name for place in pendulum.places] == ["tau", "theta", "omega"]
+
+
+def lag(tmp_path_factory, maker):
+    pytest.importorskip("pythonfmu")
+    pytest.importorskip("pythonfmu3")
+    folder = tmp_path_factory.mktemp("lag")
+    makers = {
+        "1": foreign.version_1,
+        "1, Model Exchange": lambda f: foreign.version_1(f, co_simulation=False),
+        "2": foreign.by_pythonfmu,
+        "3": foreign.by_pythonfmu3,
+    }
+    return Model.of(str(makers[maker](folder)))
+
+
+@pytest.mark.parametrize("maker", ["1", "1, Model Exchange", "2", "3"])
+def test_a_parameter_of_a_foreign_fmu(maker, tmp_path_factory):
+    """Whose state is hidden: it starts where the FMU says."""
+    model = lag(tmp_path_factory, maker)
+    time = np.arange(0, 300) * 0.02
+    u = np.sign(np.sin(2 * time))
+    y, rate = [1.0], 1.4
+    for value in u[:-1]:
+        share = 1 - np.exp(-0.02 * rate) if maker.startswith("1") else 0.02 * rate
+        y.append(y[-1] + share * (value - y[-1]))
+    noisy = np.array(y) + 1e-3 * np.random.default_rng(2).standard_normal(300)
+    path = tmp_path_factory.mktemp("data") / "lag.csv"
+    pd.DataFrame({"time": time, "u": u, "y": noisy}).to_csv(path, index=False)
+    data = record(model, path)
+    before = compare(model, data, horizon="free").comparison.channels["y"]
+    assert before.rmse > 0.1
+    true = compare(model, data, parameters={"rate": rate}, horizon="free").comparison
+    assert true.channels["y"].rmse == pytest.approx(1e-3, rel=0.15)
+    assert true.channels["y"].white_p > 0.001
+
+
+def test_a_crash_while_comparing_is_a_message(tmp_path_factory, tmp_path):
+    model = Model.of(str(foreign.hand_written(tmp_path_factory.mktemp("crash"))))
+    time = np.arange(0, 100) * 0.01
+    path = tmp_path / "data.csv"
+    pd.DataFrame({"time": time, "u": np.sin(time), "y": np.cos(time)}).to_csv(path, index=False)
+    with pytest.raises(FmuError, match="SIGSEGV"):
+        compare(model, record(model, path), parameters={"misdeed": 1.0})
+    with pytest.raises(UnknownNameError, match="misdede"):
+        compare(model, record(model, path), parameters={"misdede": 1.0})
+
+
+def test_black_box():
+    box = black_box(cached_fmu(library_class("Twinproof.Plants.WheeledPendulum"), fmi="3"))
+    assert [v.name for v in box.inputs] == ["V"]
+    assert box.start_parameters["theta_p_start"] == "theta_p"
+    assert box.variables["X1"].unit
+    assert all(v.type is ScalarType.REAL for v in box.parameters)
+    assert not box.residuals
