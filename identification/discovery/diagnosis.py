@@ -25,6 +25,8 @@ _TIE = 3.0
 _AT_FLOOR = 1.1
 _CHANCE_GAIN = 3.0
 _NUMERICAL = 1e-4
+# A disturbance of this share of the input may be called noise of the machine.
+_SMALL_DISTURBANCE = 0.02
 
 Progress = Callable[[str], None]
 
@@ -133,7 +135,14 @@ def _with_disturbance(
     if found is None:
         found = Diagnosis(Outcome.UNKNOWN_SHAPE, (), (), None, {}, {}, "")
     if opinion.best is None:
-        outcome = Outcome.COMPLETE if opinion.white else Outcome.UNKNOWN_SHAPE
+        inputs = np.sqrt(np.mean(experiment.problem.inputs**2, axis=0))
+        small = all(
+            d.sd <= _SMALL_DISTURBANCE * size
+            for d, size in zip(opinion.base.disturbances, inputs, strict=True)
+        )
+        # A disturbance explains anything. Called complete is what needs little of it.
+        complete = opinion.white and small
+        outcome = Outcome.COMPLETE if complete else Outcome.UNKNOWN_SHAPE
         return replace(found, outcome=outcome, opinion=opinion)
     refit, verdict = adopt(opinion.best, model, experiment, opinion.base, fit)
     label = refit.addition.label
@@ -164,7 +173,13 @@ def _by_output_error(
     for candidate in [r for r in refits if r.evidence > worth_trying][:_TRIALS]:
         progress(f"cross-validating {candidate.addition.label}")
         verdict = crossvalidate(
-            experiment, fit, candidate.experiment, candidate.fit, noise, tried=len(refits)
+            experiment,
+            fit,
+            candidate.experiment,
+            candidate.fit,
+            noise,
+            independent=candidate.independent,
+            tried=len(refits),
         )
         checks[candidate.addition.label] = verdict
         if verdict.accepted:

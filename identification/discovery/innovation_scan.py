@@ -38,6 +38,7 @@ _BLOCKS = 10
 _REFITTED = 3
 # The best of n useless candidates gains about log n; this much more is asked for [nats].
 _BEYOND_CHANCE = 5.0
+_LARGEST_CHANCE = 0.01
 
 
 @dataclass(frozen=True)
@@ -50,6 +51,7 @@ class Second:
         maximum: Of its likelihood.
         evidence: ΔlogL over the model without it [nats].
         unseen: (blocks,) ΔlogL on blocks left out of the fit [nats].
+        tried: How many candidates there were.
     """
 
     addition: Addition
@@ -57,13 +59,19 @@ class Second:
     maximum: Maximum
     evidence: float
     unseen: Vector
+    tried: int
 
     @property
     def accepted(self) -> bool:
-        """It predicts blocks that it was not fitted to better, by more than chance."""
+        """It predicts blocks that it was not fitted to better, by more than chance.
+
+        Every one of them, or by so much on average that the best of all candidates would hardly
+        do so by chance: a disturbance that is no Gauss–Markov process leaves likelihoods too sure.
+        """
         mean = float(np.mean(self.unseen))
         error = float(np.std(self.unseen, ddof=1)) / np.sqrt(len(self.unseen))
-        return mean > 0 and (mean > 2 * error or float(np.min(self.unseen)) > 0)
+        chance = self.tried * float(stats.t.sf(mean / max(error, 1e-300), len(self.unseen) - 1))
+        return mean > 0 and (chance < _LARGEST_CHANCE or float(np.min(self.unseen)) > 0)
 
 
 @dataclass(frozen=True)
@@ -117,7 +125,7 @@ def second_opinion(model: ExtendedModel, problem: Problem, values: Mapping[str, 
     refits.sort(key=lambda s: -s.evidence)
     best = next((r for r in refits if r.evidence > price), None)
     if best is not None:
-        best = replace(best, unseen=_unseen(model, problem, base, best))
+        best = replace(best, unseen=_unseen(model, problem, base, best), tried=len(scored))
         if not best.accepted:
             best = None
     inputs = tuple((v.name, v.unit) for v in problem.dae.inputs)
@@ -198,6 +206,7 @@ def _refit(
         maximum,
         maximum.log_likelihood - base.log_likelihood,
         np.zeros(0),
+        1,
     )
 
 
