@@ -139,7 +139,7 @@ class Fmu:
             ) from error
         if self.description.fmi == "1.0" and kind == "CoSimulation":
             # FMPy declares that it returns a string, and crashes on a status other than zero.
-            instance._functions["fmi1InitializeSlave"].restype = ctypes.c_int
+            vars(instance)["_functions"]["fmi1InitializeSlave"].restype = ctypes.c_int
         return instance, messages
 
     def simulate(

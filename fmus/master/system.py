@@ -193,14 +193,31 @@ class System:
                 result = loop.run(
                     points, table, shown, recorded=recorded, method=method, order=order
                 )
-        return Simulation(grid, dict(zip(wiring.shown, result.T, strict=True)))
+        columns = dict(zip(wiring.shown, result.T, strict=True))
+        for connection in self.connections:
+            if connection.target in columns and connection.factor is not None:
+                columns[connection.target] = connection.factor * columns[connection.target] + (
+                    connection.offset or 0.0
+                )
+        return Simulation(grid, columns)
+
+    def split(self, name: str) -> tuple[str, str]:
+        """Return component and variable of a full name, both of which may have dots.
+
+        Example:
+            >>> System({"inner.plant": Component(Path("p.fmu"))}).split("inner.plant.body.phi")
+            ('inner.plant', 'body.phi')
+        """
+        parts = [part for part in self.components if name.startswith(f"{part}.")]
+        part = max(parts, key=len, default="")
+        return part, name.removeprefix(f"{part}.")
 
     def _parameters(self, extra: Mapping[str, Value]) -> dict[str, dict[str, Value]]:
         values = {name: dict(part.parameters) for name, part in self.components.items()}
         for name, value in extra.items():
-            part, _, variable = name.partition(".")
-            if part not in values:
-                raise UnknownNameError("component", part, values, where=name)
+            part, variable = self.split(name)
+            if not part:
+                raise UnknownNameError("component", name.partition(".")[0], values, where=name)
             values[part][variable] = value
         return values
 
