@@ -304,3 +304,28 @@ def shared_library(source: str, *, optimise: str = "-O2") -> Path:
             text.write_text(source, encoding="utf-8")
             compile_library([text], library, flags=shlex.split(optimise))
     return library
+
+
+def program(source: str) -> Path:
+    """Compile C text to a program for this machine in the user's cache, once for each text.
+
+    Raises:
+        CompilerError: There is no compiler, or it refused the text.
+
+    Example:
+        >>> import subprocess
+        >>> twice = program("int main(int n, char **w) { (void)w; return 2 * n; }")
+        >>> subprocess.run([twice, "one argument"]).returncode
+        4
+    """
+    compiler = find_compiler()
+    flags = ("-std=c11", "-O2", "-Wall", "-Wextra")
+    key = content_key(source, *flags, *compiler.command, compiler.version)
+    path = cache_folder("programs") / f"{key}{'.exe' if NATIVE == 'win64' else ''}"
+    if not path.is_file():
+        with tempfile.TemporaryDirectory() as folder, written_whole(path) as beside:
+            text = Path(folder) / "source.c"
+            text.write_text(source, encoding="utf-8")
+            _run([*compiler.command, *flags, "-o", str(beside), str(text), "-lm"])
+        path.chmod(0o755)
+    return path

@@ -5,7 +5,7 @@ from hil.bus.codec import Field, Layout, Packer, Reading, Unpacker, layouts
 from hil.bus.dbc import Port, bundled_dbc, parse_dbc, plant_dbc, protection_of, read_dbc
 from hil.bus.e2e import PROFILES, Checking, Counting, Profile, Protection, Status
 from hil.bus.interface import BusSettings, open_bus
-from hil.bus.sender import PeriodicSender
+from hil.bus.sender import PeriodicSender, sends_to
 from hil.bus.statistics import Statistics
 
 __all__ = [
@@ -32,4 +32,5 @@ __all__ = [
     "plant_dbc",
     "protection_of",
     "read_dbc",
+    "sends_to",
 ]

@@ -19,27 +19,47 @@ Frame = Callable[[float], can.Message | None]
 """Makes the frame that is due at a time [s], or None for none this time."""
 
 
+Send = Callable[[can.Message, float], None]
+"""Sends a frame at a time [s]."""
+
+
+def sends_to(bus: can.BusABC, statistics: Statistics) -> Send:
+    """Return what sends frames to a bus at once, and counts those sent and those refused."""
+
+    def send(frame: can.Message, now: float) -> None:
+        del now
+        try:
+            bus.send(frame, timeout=0.0)
+        except can.CanError:
+            statistics.not_sent += 1
+        else:
+            statistics.sent += 1
+
+    return send
+
+
 class PeriodicSender:
     """Sends frames when they are due.
 
     Args:
-        bus: Where to.
-        statistics: Counts frames that were sent, refused, or late by more than half a period.
+        send: Sends a frame.
+        statistics: Counts frames that were late by more than half a period.
 
     Example:
         >>> from hil.bus.interface import BusSettings, open_bus
         >>> with open_bus(BusSettings(channel="a")) as bus, open_bus(BusSettings(channel="a")) as b:
-        ...     sender = PeriodicSender(bus)
+        ...     counts = Statistics()
+        ...     sender = PeriodicSender(sends_to(bus, counts), counts)
         ...     sender.add(0.01, lambda time: can.Message(arbitration_id=1, timestamp=time))
         ...     for k in range(5):
         ...         sender.send_due(0.005 * k)
-        ...     sender.statistics.sent
+        ...     counts.sent
         3
     """
 
-    def __init__(self, bus: can.BusABC, statistics: Statistics | None = None) -> None:
-        self.bus = bus
-        self.statistics = statistics or Statistics()
+    def __init__(self, send: Send, statistics: Statistics) -> None:
+        self.statistics = statistics
+        self._send = send
         self._due: list[tuple[float, int, int]] = []  # due time, number, how many were due before
         self._frames: list[tuple[float, float, Frame]] = []
 
@@ -72,13 +92,4 @@ class PeriodicSender:
             heapq.heapreplace(self._due, (first + count * period, number, count))
             made = frame(now)
             if made is not None:
-                self.send(made)
-
-    def send(self, frame: can.Message) -> None:
-        """Send one frame at once."""
-        try:
-            self.bus.send(frame, timeout=0.0)
-        except can.CanError:
-            self.statistics.not_sent += 1
-        else:
-            self.statistics.sent += 1
+                self._send(made, now)

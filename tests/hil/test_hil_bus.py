@@ -31,6 +31,7 @@ from hil.bus import (
     plant_dbc,
     protection_of,
     read_dbc,
+    sends_to,
 )
 from hil.bus.dbc import BUNDLED
 from hil.bus.slcan import SlcanBus, frame_of, line_of
@@ -178,7 +179,8 @@ def test_one_scheduler_keeps_all_periods():
         open_bus(BusSettings(channel="periods")) as bus,
         open_bus(BusSettings(channel="periods")) as listener,
     ):
-        sender = PeriodicSender(bus)
+        counts = Statistics()
+        sender = PeriodicSender(sends_to(bus, counts), counts)
         sent: dict[int, list[float]] = {k: [] for k in range(40)}
 
         def frame(k):
@@ -194,23 +196,24 @@ def test_one_scheduler_keeps_all_periods():
             sender.send_due(0.001 * tick)
         for k, times in sent.items():
             assert times == pytest.approx([0.001 * (k + 1) * j for j in range(1000 // (k + 1) + 1)])
-        assert sender.statistics.sent == sum(len(times) for times in sent.values())
-        assert sender.statistics.late == 0
+        assert counts.sent == sum(len(times) for times in sent.values())
+        assert counts.late == 0
         got = 0
         while listener.recv(0.0) is not None:
             got += 1
-        assert got == sender.statistics.sent
+        assert got == counts.sent
 
 
 def test_a_late_frame_is_counted_and_does_not_push_the_others():
     with open_bus(BusSettings(channel="late")) as bus:
-        sender = PeriodicSender(bus)
+        counts = Statistics()
+        sender = PeriodicSender(sends_to(bus, counts), counts)
         times = []
         sender.add(0.010, times.append)
         for now in (0.0, 0.010, 0.047, 0.050, 0.060):
             sender.send_due(now)
         assert times == [0.0, 0.010, 0.047, 0.050, 0.060]
-        assert sender.statistics.late == 1
+        assert counts.late == 1
         with pytest.raises(BusError):
             sender.add(0.0, lambda now: None)
 
