@@ -90,6 +90,10 @@ def identified(result: Identified) -> Document:
         {
             "parameters": estimate(result.estimate),
             "method": result.estimate.method,
+            "covariance": {
+                "names": list(result.estimate.parameters),
+                "matrix": result.estimate.covariance.tolist(),
+            },
             "condition_number": result.estimate.condition_number,
             "channels": channels(result.comparison),
             "horizon": horizon_word(result.horizon),

@@ -2,7 +2,14 @@
 
 from twinproof.report.comparison import write_comparison
 from twinproof.report.diagnosis import write_diagnosis
+from twinproof.report.hil import write_hil
 from twinproof.report.identification import write_identification
 from twinproof.report.improvement import write_improvement
 
-__all__ = ["write_comparison", "write_diagnosis", "write_identification", "write_improvement"]
+__all__ = [
+    "write_comparison",
+    "write_diagnosis",
+    "write_hil",
+    "write_identification",
+    "write_improvement",
+]
