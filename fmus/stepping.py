@@ -371,6 +371,7 @@ class Loop:
         self._succeed(self._library.loop_save(self._pointer, ctypes.addressof(room)))
         return {
             "before": self._before.copy(),
+            "rise": self._rise.copy(),
             "has": self._system.has_before,
             "span": self._system.span,
             "u": self.u.copy(),
@@ -380,7 +381,8 @@ class Loop:
     def restore(self, room: ctypes.Array[c_void_p], kept: Mapping[str, Any]) -> None:
         """Go back to a saved state."""
         self._succeed(self._library.loop_restore(self._pointer, ctypes.addressof(room)))
-        self._before[:], self.u[:], self.y[:] = kept["before"], kept["u"], kept["y"]
+        self._before[:], self._rise[:] = kept["before"], kept["rise"]
+        self.u[:], self.y[:] = kept["u"], kept["y"]
         self._system.has_before, self._system.span = kept["has"], kept["span"]
 
     def _succeed(self, done: bool, time: float | None = None) -> None:
