@@ -25,6 +25,9 @@ _PROJECTED = 1e-9
 _SLOWEST, _FASTEST = 0.01, 300.0
 # A change of the log-likelihood that is not worth another step [nats].
 _SMALL_GAIN = 0.01
+# Parameters that are hard to tell apart move slowly under more than this.
+_FIRST_DAMPING = 1e-9
+_TRIES = 12
 
 
 @dataclass(frozen=True)
@@ -214,7 +217,7 @@ def maximise(
     steps = {n: _DIFFERENCE * max(abs(current[n]), 1e-3) for n in free}
     shape = any(d.sd > 0 for d in processes)
     expansion = expand(likelihood, current, processes, steps, shape=shape)
-    damping, converged = 1e-3, False
+    damping, converged = _FIRST_DAMPING, False
     for _ in range(iterations):
         if shape and _needless(likelihood, current, processes, expansion):
             processes, shape = tuple(Disturbance(d.rate, 0.0) for d in processes), False
@@ -246,13 +249,13 @@ def _ascend(
     damping: float,
 ) -> tuple[dict[str, float], tuple[Disturbance, ...], Innovations, float] | None:
     """Return a point of larger likelihood and the damping to go on with; None if there is none."""
-    for _ in range(10):
+    for _ in range(_TRIES):
         move = _solve(expansion, damping)
         new, shaped = _moved(values, disturbances, likelihood.free, move)
         run = likelihood.run(new, shaped)
         if run.log_likelihood > expansion.at.log_likelihood:
             return new, shaped, run, damping / 10
-        damping = max(10 * damping, 1e-4)
+        damping = max(10 * damping, 1e-7)
     return None
 
 

@@ -19,7 +19,7 @@ from fmus.black_box import check_equations
 from foundation.errors import DivergenceError
 from identification.estimate import Estimate, ParameterEstimate
 from identification.estimators.base import Estimator
-from identification.estimators.output_error import estimate_of
+from identification.estimators.output_error import NOT_CONVERGED, estimate_of
 from identification.estimators.start import best_start
 from identification.experiment import Experiment
 from identification.innovations import (
@@ -28,10 +28,12 @@ from identification.innovations import (
     with_input_disturbances,
 )
 from identification.likelihood import Likelihood, Maximum, maximise
-from identification.problem import Problem
+from identification.problem import Problem, Vector
 
-_RATES = (1.0, 10.0)
-_SHARE = 0.01
+_RATES = (0.3, 1.0, 3.0, 10.0, 30.0)
+_SHARES = (0.0003, 0.001, 0.003, 0.01, 0.03)  # of an input's own standard deviation
+_WORTH = 3.0  # nats that a disturbance must bring for its two numbers
+_CLEAR = 50.0  # nats at which it is there whatever the parameters
 _WHITE = (0.8, 1.25)
 
 
@@ -40,7 +42,7 @@ class Kalman(Estimator):
     """Maximum likelihood over the innovations, from output error's estimate.
 
     Args:
-        rates: Rates [1/s] at which the disturbances start; the best end is kept.
+        rates: Rates [1/s] at which disturbances are looked for.
     """
 
     method: ClassVar[str] = "kalman"
@@ -52,17 +54,31 @@ class Kalman(Estimator):
         experiment = Experiment.of(problem)
         fit = experiment.fit_stages(best_start(experiment).values)[-1]
         rough = estimate_of(problem, fit, self.method)
-        seen = tuple(name for name in problem.free if rough.parameters[name].identifiable)
-        if not seen:
-            return rough
-        maximum = most_likely(replace(problem, free=seen), fit.values, self.rates)
-        return _estimate(problem, rough, maximum)
+        return refined(problem, rough, fit.values, self.rates)
+
+
+def refined(
+    problem: Problem, rough: Estimate, values: Mapping[str, float], rates: Sequence[float] = _RATES
+) -> Estimate:
+    """Return the maximum of the likelihood that is reached from an output-error estimate.
+
+    Raises:
+        DivergenceError: The filter leaves the finite numbers.
+    """
+    seen = tuple(name for name in problem.free if rough.parameters[name].identifiable)
+    if not seen:
+        return rough
+    maximum = most_likely(replace(problem, free=seen), values, rates)
+    return _estimate(problem, rough, maximum)
 
 
 def most_likely(
     problem: Problem, values: Mapping[str, float], rates: Sequence[float] = _RATES
 ) -> Maximum:
-    """Return the best maximum from several starts of the disturbances.
+    """Return the maximum of the likelihood, with a disturbance at the inputs if there is one.
+
+    Disturbances of several rates and sizes are tried with the parameters held. One that is not
+    clearly there is tried again with parameters that are best without.
 
     Raises:
         DivergenceError: The filter leaves the finite numbers from every start.
@@ -70,21 +86,54 @@ def most_likely(
     dae, names = with_input_disturbances(problem.dae)
     start = disturbed_values({**problem.values, **values}, names)
     likelihood = Likelihood.of(replace(problem, dae=dae, values=start), names)
-    sizes = _SHARE * np.maximum(np.std(problem.inputs, axis=0), 1e-6)
-    maxima = [
-        maximise(likelihood, start, [Disturbance(rate, float(sd)) for sd in sizes])
-        for rate in rates
-    ]
-    best = max(maxima, key=lambda m: m.log_likelihood)
-    if not np.isfinite(best.log_likelihood):
+    none = [Disturbance(rates[0], 0.0)] * len(names)
+    begun, gain = _promising(likelihood, start, rates)
+    without: Maximum | None = None
+    if gain < _CLEAR:
+        without = maximise(likelihood, start, none)
+        begun, gain = _promising(likelihood, without.values, rates)
+        if gain < _WORTH:
+            return _finite(problem, without)
+        start = dict(without.values)
+    found = maximise(likelihood, start, begun)
+    if without is not None and not found.log_likelihood > without.log_likelihood + _WORTH:
+        found = without
+    return _finite(problem, found)
+
+
+def _promising(
+    likelihood: Likelihood, values: Mapping[str, float], rates: Sequence[float]
+) -> tuple[list[Disturbance], float]:
+    """Return the best of the disturbances tried, and what it gains over none [nats]."""
+    spread = np.maximum(np.std(likelihood.problem.inputs, axis=0), 1e-6)
+
+    def shaped(rate: float, share: float) -> list[Disturbance]:
+        return [Disturbance(rate, float(share * size)) for size in spread]
+
+    none = likelihood.run(values, shaped(1.0, 0.0)).log_likelihood
+    tried = [shaped(rate, share) for rate in rates for share in _SHARES]
+    gains = [likelihood.run(values, d).log_likelihood for d in tried]
+    if not tried or len(spread) == 0:
+        return [], 0.0
+    best = int(np.argmax(gains))
+    if not np.isfinite(gains[best]):
+        return tried[best], -np.inf
+    return tried[best], float(gains[best] - none)
+
+
+def _finite(problem: Problem, maximum: Maximum) -> Maximum:
+    if not np.isfinite(maximum.log_likelihood):
         raise DivergenceError(
             f"the filter of {problem.dae.name} leaves the finite numbers",
             remedy="check units and signs of the inputs, or use --method output-error",
         )
-    return best
+    return maximum
 
 
 def _estimate(problem: Problem, rough: Estimate, maximum: Maximum) -> Estimate:
+    # Innovations larger than predicted speak for more doubt than the likelihood knows of.
+    larger = max(1.0, float(np.mean(maximum.innovations.normalised**2)))
+    maximum = replace(maximum, covariance=larger * maximum.covariance)
     sd = dict(zip(maximum.free, np.sqrt(np.diag(maximum.covariance)), strict=True))
     parameters = {
         name: ParameterEstimate(maximum.values[name], float(sd[name]), p.unit) if name in sd else p
@@ -101,15 +150,24 @@ def _estimate(problem: Problem, rough: Estimate, maximum: Maximum) -> Estimate:
         parameters=parameters,
         covariance=covariance,
         condition_number=float(np.sqrt(eigenvalues[-1] / max(eigenvalues[0], 1e-300))),
-        warnings=(*rough.warnings, *_doubts(problem, maximum)),
+        warnings=(*(w for w in rough.warnings if w != NOT_CONVERGED), *_doubts(problem, maximum)),
         details=MappingProxyType({"maximum": maximum}),
     )
 
 
+def explains_all(maximum: Maximum) -> bool:
+    """Tell whether the innovations of every channel are as large as predicted."""
+    squares = _squares(maximum)
+    return bool(np.all((squares > _WHITE[0]) & (squares < _WHITE[1])))
+
+
+def _squares(maximum: Maximum) -> Vector:
+    return np.mean(maximum.innovations.normalised**2, axis=0)
+
+
 def _doubts(problem: Problem, maximum: Maximum) -> list[str]:
     doubts: list[str] = []
-    squares = np.mean(maximum.innovations.normalised**2, axis=0)
-    for name, value in zip(problem.output_names, squares, strict=True):
+    for name, value in zip(problem.output_names, _squares(maximum), strict=True):
         if not _WHITE[0] < value < _WHITE[1]:
             doubts.append(
                 f"the innovations of {name} are {np.sqrt(value):.2g} times as large as predicted: "

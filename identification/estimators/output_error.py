@@ -20,6 +20,7 @@ from identification.gauss_newton import Fit
 from identification.problem import Problem
 
 _ILL_CONDITIONED = 1e6
+NOT_CONVERGED = "the fit stopped before it converged: give better starting values with --param"
 
 
 @dataclass(frozen=True)
@@ -67,9 +68,7 @@ def _warnings(problem: Problem, fit: Fit) -> list[str]:
         for name in sorted(fit.held)
     ]
     if not fit.converged:
-        found.append(
-            "the fit stopped before it converged: give better starting values with --param"
-        )
+        found.append(NOT_CONVERGED)
     found += [
         f"{a} and {b} cannot be told apart in this record (correlation {value:+.5f}): "
         "excite them differently, or hold one with --free"

@@ -1,4 +1,4 @@
-"""Where a fit starts: the declared values or those of filtered regression, whichever is better."""
+"""Where a fit starts: the declared values or those of a filtered regression."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from foundation.errors import TwinproofError
+from identification.estimators.delayed_instruments import DelayedInstruments
 from identification.estimators.filtered_least_squares import FilteredLeastSquares
 from identification.experiment import STAGES, Experiment
 from identification.gauss_newton import fit
@@ -20,8 +21,8 @@ class Start:
 
     Attributes:
         values: Every independent parameter.
-        origin: `declared` or `output-filter`.
-        reason: Why the filter's estimate was not used, if it was not.
+        origin: `declared`, or the word of the method they come from.
+        reason: Why no method's estimate was used, if none was.
     """
 
     values: Mapping[str, float]
@@ -29,25 +30,34 @@ class Start:
     reason: str = ""
 
 
-def best_start(experiment: Experiment) -> Start:
-    """Return the better start for an output-error fit.
+_NOISY = 0.1  # share of noise in the filtered record at which instruments are worth a try
 
-    Both are compared by their cost over the shortest windows of the continuation, initial states
-    fitted, parameters held.
+
+def best_start(experiment: Experiment) -> Start:
+    """Return the best start for an output-error fit.
+
+    The declared values, those of the output filter and, where noise biases these, those of
+    instrumental variables are compared by their cost over the shortest windows of the continuation,
+    initial states fitted, parameters held.
     """
     problem = experiment.problem
     declared = dict(problem.values)
+    starts = {"declared": declared}
+    reason = "the declared values explain the record better"
     try:
-        filtered = {
-            **declared,
-            **_inside(experiment, FilteredLeastSquares().estimate(problem).values),
-        }
+        filtered = FilteredLeastSquares().estimate(problem)
+        starts[filtered.method] = {**declared, **_inside(experiment, filtered.values)}
+        if filtered.details["noise_share"] > _NOISY:
+            unbiased = DelayedInstruments().estimate(problem)
+            starts[unbiased.method] = {**declared, **_inside(experiment, unbiased.values)}
     except TwinproofError as error:
-        return Start(declared, "declared", str(error))
+        reason = str(error)
+    if len(starts) == 1:
+        return Start(declared, "declared", reason)
     sd = np.fmax(np.std(problem.outputs, axis=0), 1e-300) * 1e-3
     windows = experiment.cut(STAGES[0] * WINDOW)
-    costs = [
-        fit(
+    costs = {
+        origin: fit(
             problem,
             experiment.shooting,
             windows,
@@ -57,11 +67,10 @@ def best_start(experiment: Experiment) -> Start:
             fixed_sd=sd,
             iterations=4,
         ).at.cost
-        for values in (declared, filtered)
-    ]
-    if costs[1] < costs[0]:
-        return Start(filtered, "output-filter")
-    return Start(declared, "declared", "the declared values explain the record better")
+        for origin, values in starts.items()
+    }
+    best = min(costs, key=lambda origin: costs[origin])
+    return Start(starts[best], best, reason if best == "declared" else "")
 
 
 def _inside(experiment: Experiment, values: Mapping[str, float]) -> dict[str, float]:
