@@ -5,7 +5,17 @@ from __future__ import annotations
 import importlib
 import sys
 
-NAMES = ("emps", "demo", "hidden", "fmus", "running", "recordings", "pole_placement", "furuta")
+NAMES = (
+    "emps",
+    "demo",
+    "hidden",
+    "fmus",
+    "running",
+    "recordings",
+    "pole_placement",
+    "furuta",
+    "wheeled_pendulum",
+)
 
 
 def main(names: list[str]) -> int:

@@ -7,9 +7,35 @@ from collections.abc import Iterator
 
 import twinproof
 from benchmarks.figures import Figure
+from fmus.frontend import load
+from fmus.sources import ModelicaSource
+from identification.estimators import Differencing
+from identification.problem import match
+
+PUBLISHED = {"M": 95.1089, "Fv": 203.5034, "friction.f_c": 20.3935, "offset.f_0": 3.1648}
+_WITH_FRICTION = """model Friction
+  extends Twinproof.Plants.Positioner;
+  Twinproof.Effects.Translational.CoulombFriction friction;
+  Twinproof.Effects.Translational.ConstantForce offset;
+equation
+  connect(friction.flange, carriage.flange);
+  connect(offset.flange, carriage.flange);
+end Friction;
+"""
+
+
+def published() -> Iterator[Figure]:
+    """The authors' parameters from the authors' record, by their kind of method."""
+    record = twinproof.read_recording("emps", twinproof.Model.of("Twinproof.Plants.Positioner"))
+    dae = load(ModelicaSource(_WITH_FRICTION, "Friction", "Friction.mo", "Friction"))
+    values = Differencing(band=100.0).estimate(match(dae, record)).values
+    for name, value in PUBLISHED.items():
+        off = 100 * abs(values[name] / value - 1)
+        yield Figure(f"EMPS {name.split('.')[-1]}, from the published value", off, 1.0, "%")
 
 
 def run() -> Iterator[Figure]:
+    yield from published()
     model = twinproof.Model.of("Twinproof.Plants.Positioner")
     train = twinproof.read_recording("emps", model)
     unseen = twinproof.read_recording("emps-pulses", model)

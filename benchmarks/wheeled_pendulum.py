@@ -48,9 +48,7 @@ def gauss_markov(
 
 
 @cache
-def problem(
-    reference: str, seed: int, disturbance: float = 0.0, duration: float = 20.0
-) -> Problem:
+def problem(reference: str, seed: int, disturbance: float = 0.0, duration: float = 20.0) -> Problem:
     """Simulate and match one record."""
     run = rig.simulate(
         {},
@@ -168,9 +166,7 @@ def speed() -> Iterator[Figure]:
     given = problem("aggressive", 1)
     samples = list(zip(given.inputs.tolist(), given.outputs.tolist(), strict=True))
     regression = derive(given.dae, free=given.free, values=given.values, measured=NAMES)
-    recursive = RecursiveFilter(
-        regression, NAMES, given.values, tau=(0.3, 0.3), sample_time=STEP
-    )
+    recursive = RecursiveFilter(regression, NAMES, given.values, tau=(0.3, 0.3), sample_time=STEP)
     kalman = OnlineKalman(
         given.dae,
         NAMES,
@@ -188,6 +184,4 @@ def speed() -> Iterator[Figure]:
         for inputs, outputs in samples:
             online.update(inputs, outputs)
         seconds = time.process_time() - began
-        yield Figure(
-            f"{label}: times real time", len(samples) * STEP / seconds, limit, "", True
-        )
+        yield Figure(f"{label}: times real time", len(samples) * STEP / seconds, limit, "", True)

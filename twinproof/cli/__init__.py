@@ -13,6 +13,7 @@ import click
 from foundation.errors import TwinproofError
 from twinproof.cli.data import data
 from twinproof.cli.demo import demo
+from twinproof.cli.design import design
 from twinproof.cli.hil import hil
 from twinproof.cli.journey import compare, diagnose, extend, identify, improve
 from twinproof.cli.models import check, effects, export, places, simulate
@@ -61,6 +62,7 @@ for _command in (
     diagnose,
     extend,
     improve,
+    design,
     place_poles,
     hil,
     data,
