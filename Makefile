@@ -5,6 +5,7 @@
 #   make test ARGS="-k emps"    the tests; TWINPROOF_DATA names a folder with the measured data
 #   make check                  format, lint, types
 #   make bench                  the full benchmarks
+#   make reproduce              the three published works' tables and figures, docs/reproduction
 #   make install PYTHON=python3.12
 
 PYTHON ?= python3
@@ -18,7 +19,7 @@ ARGS ?=
 export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: help install demo test check bench wheel lock clean distclean
+.PHONY: help install demo test check bench reproduce wheel lock clean distclean
 
 help:
 	@sed -n 's/^#   //p' Makefile
@@ -42,6 +43,9 @@ check: $(STAMP)
 
 bench: $(STAMP)
 	@$(BIN)/python -m benchmarks $(ARGS)
+
+reproduce: $(STAMP)
+	@$(BIN)/python -m docs.reproduce $(ARGS)
 
 wheel: $(STAMP)
 	@bash scripts/try_wheel.sh "$(BIN)/python"

@@ -198,7 +198,7 @@ def _chapter_2_pictures(
     def curves(axes: list[Axes]) -> None:
         names = ("‖ΔA‖", "‖ΔB‖", "‖F - F0‖", "δλ", "max ‖x‖ of the window")
         for axis, name, values in zip(axes, names, np.array(errors).T, strict=False):
-            axis.semilogy(starts, values, ".-", lw=0.6, ms=3)
+            axis.semilogy(starts, values, lw=0.7)
             axis.set(title=name, xlabel="i")
         _pole_map(axes[5], wanted, np.concatenate(poles[len(poles) // 2 :]))
 

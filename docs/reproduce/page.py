@@ -38,8 +38,11 @@ class Page:
 
     def table(self, heads: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
         """Add a table."""
-        lines = ["| " + " | ".join(heads) + " |", "|" + "---|" * len(heads)]
-        self.parts.append("\n".join(lines + ["| " + " | ".join(row) + " |" for row in rows]))
+        lines = ["|" + "---|" * len(heads)]
+        for row in (heads, *rows):
+            lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |")
+        lines[:2] = lines[1::-1]
+        self.parts.append("\n".join(lines))
 
     def picture(
         self,
@@ -67,8 +70,7 @@ class Page:
             draw(np.atleast_1d(figure.subplots(rows, columns)).ravel().tolist())
             with written_whole(self.folder / self.name / f"{name}.svg") as beside:
                 figure.savefig(beside, format="svg", metadata={"Date": None})
-                # A hundredth of a point is finer than any screen; more digits double the file.
-                beside.write_text(re.sub(r"(\d\.\d\d)\d+", r"\1", beside.read_text()))
+                beside.write_text(shortened(beside.read_text()))
         self.parts.append(f"![{title}]({self.name}/{name}.svg)\n\n{title}")
 
     def write(self) -> Path:
@@ -76,6 +78,12 @@ class Page:
         target = self.folder / f"{self.name}.md"
         write_text(target, "\n\n".join(self.parts) + "\n")
         return target
+
+
+def shortened(svg: str) -> str:
+    """Return a picture without what makes Matplotlib's large: digits, and fonts for each word."""
+    svg = re.sub(r"'DejaVu Sans'[^;\"]*sans-serif", "sans-serif", svg)
+    return re.sub(r"(?<=[ \"ML])(-?\d+\.\d)\d+(?=[ \"\n])", r"\1", svg)
 
 
 def curve(axis: Axes, time: np.ndarray, values: np.ndarray, **style: object) -> None:

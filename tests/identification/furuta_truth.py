@@ -10,6 +10,7 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.integrate import solve_ivp
 
 G = 9.81
 ALPHA_STEP, BETA_STEP = math.radians(1 / 18.17), math.radians(90 / 256)
@@ -114,3 +115,25 @@ def record(p: Setup, u: np.ndarray, seed: int = 0, *, x0=(0.0, 0.0, 0.0, 0.0)) -
     resolution = np.array([ALPHA_STEP, BETA_STEP])
     angles = np.round(states[:, :2] / resolution + shift) * resolution
     return Record(np.arange(len(u)) * STEP, np.asarray(u, float), angles, states)
+
+
+def rod(p: Setup, beta: float, duration: float = 10.0, *, dry=0.0, sharp=50.0):
+    """Time (n,) and true angle (n,) of the rod let go from `beta`, the arm held.
+
+    Its pivot may have dry friction `dry` [N.m], smoothed within 1/`sharp` [rad/s].
+    """
+
+    def rate(_, x):
+        friction = p.C1 * x[1] + dry * math.tanh(sharp * x[1])
+        return [x[1], -(friction + p.m * G * p.l1 * math.sin(x[0])) / p.Jr]
+
+    time = np.arange(round(duration / STEP)) * STEP
+    method = "LSODA" if dry else "DOP853"
+    found = solve_ivp(rate, (0, duration), [beta, 0.0], method, time, rtol=1e-9, atol=1e-11)
+    return time, found.y[0]
+
+
+def counted(angle: np.ndarray, resolution: float, seed: int) -> np.ndarray:
+    """An angle as a sensor counts it, from an unknown fraction of a count."""
+    shift = np.random.default_rng(seed).uniform(-0.5, 0.5)
+    return np.round(angle / resolution + shift) * resolution
