@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from itertools import product
 from typing import Any, TypeAlias
 
-from fmus import arrays
+from fmus import arrays, tables
 from fmus.arrays import Value
 from fmus.dae import Position, Role
 from fmus.expressions import (
@@ -53,22 +53,26 @@ class Arena:
 
     Args:
         store: The dictionary's `storage`.
+        external_tables: Numbers of the library's tables.
         roles: Role of each variable by name.
         place: Position of a provenance record.
         refuse: Makes the error for a construct at a position.
 
     Attributes:
         stepwise: What steps at events, as far as it has been met.
+        tables: Parameters that stand for tables, likewise.
     """
 
     def __init__(
         self,
         store: Mapping[str, Any],
+        external_tables: Sequence[Mapping[str, Any]],
         roles: Mapping[str, Role | None],
         place: Callable[[Mapping[str, Any] | None], Position | None],
         refuse: Refuse,
     ) -> None:
         self._store = store
+        self._external_tables = external_tables
         self._roles = roles
         self._place = place
         self._refuse = refuse
@@ -82,7 +86,13 @@ class Arena:
         ]
         self._delay_numbers: dict[int, Delayed] = {}
         self._outside = _Scope()
+        self._texts = {
+            str(v["name"])
+            for v in store["variables"]
+            if store["value_types"][v["value_type"]]["scalar"] == "string"
+        }
         self.stepwise = Stepwise(self._changes)
+        self.tables: list[str] = []
 
     @property
     def delays(self) -> tuple[Delayed, ...]:
@@ -343,6 +353,8 @@ class Arena:
         _, body, *_ = self._records[index]
         function = self._store["functions"][int(body["function"])]
         external = function["external"]
+        if external is not None and str(external["symbol"]).startswith(tables.PREFIX):
+            return self._table(str(external["symbol"]), body, index, events, scope)
         if external is not None and external["language"] != "builtin":
             raise self._refuse(f"the external function '{function['name']}'", self.position(index))
         if scope.depth == _DEEPEST_CALL:
@@ -355,10 +367,41 @@ class Arena:
         last = self._definitions(function, int(body["output"]), index)
         return self._value(last[-1], False, inner)
 
+    def _table(
+        self, symbol: str, body: Mapping[str, Any], index: int, events: bool, scope: _Scope
+    ) -> Expression:
+        """Return what a table of the Modelica Standard Library gives; `tableID` is its number."""
+        operands = self._inputs(int(body["owner"]))
+        arguments = [self._value(node, events, scope) for node in operands]
+        plain = [a for a in arguments if not isinstance(a, tuple)]
+        number = plain[0]
+        if isinstance(number, Symbol):
+            self.tables.append(number.name)
+            binding = self._store["variables"][self._names.index(number.name)]["attributes"]
+            number = self._value(int(binding["binding"]), False, self._outside)
+        known = {int(table["id"]): table for table in self._external_tables}
+        makes_events = events and self._changes(plain[min(2, len(plain) - 1)])
+        try:
+            assert isinstance(number, Literal)
+            return tables.table_value(
+                symbol,
+                known[int(number.value)],
+                plain,
+                self.stepwise.relation if makes_events else None,
+            )
+        except ValueError as error:
+            raise self._refuse(str(error), self.position(index)) from error
+
     def _local(self, body: Mapping[str, Any], index: int, scope: _Scope) -> Value:
         function = self._store["functions"][int(body["function"])]
         definitions = self._definitions(function, int(body["value"]), index)
-        return self._value(definitions[int(body["definition_ordinal"])], False, scope)
+        ordinal = int(body["definition_ordinal"])
+        if ordinal >= len(definitions):
+            name = str(function["name"])
+            raise self._refuse(
+                f"the function '{name}', which assigns in loops,", self.position(index)
+            )
+        return self._value(definitions[ordinal], False, scope)
 
     def _definitions(self, function: Mapping[str, Any], target: int, index: int) -> list[int]:
         """Return the right-hand sides assigned to an output or local variable, in order."""
@@ -402,6 +445,9 @@ class Arena:
                 return scope.arguments[int(number["ordinal"])]
             case "condition":
                 return self.guard(int(number), events=events)
+            case name if isinstance(number, int) and self._names[number] in self._texts:
+                text = self._names[number]
+                raise self._refuse(f"the text '{text}' in an equation", self.position(index))
             case name if name.startswith("pre"):
                 return self.variable(number, Previous)
             case name if isinstance(number, int) and name in _VARIABLES:

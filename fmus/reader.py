@@ -67,7 +67,13 @@ class Reader:
                 assert isinstance(leaf, Symbol)
                 roles[leaf.name] = role
         self._free: list[str] = []
-        self._arena = Arena(self._store, roles, self._position, self._unsupported)
+        self._arena = Arena(
+            self._store,
+            dae.get("external_tables") or (),
+            roles,
+            self._position,
+            self._unsupported,
+        )
 
     def read(self) -> Dae:
         """Return the flat model, aliases included.
@@ -117,10 +123,13 @@ class Reader:
     def _structural(self) -> set[str]:
         """Parameters that the front end will not let change, other than final ones."""
         final: Mapping[str, bool] = self._flat["variable_final_flags"]
+        # A table's numbers have been put in, with whatever stands beside them.
+        owners = tuple(f"{name.rpartition('.')[0]}." for name in self._arena.tables)
         return {
             str(row["name"])
             for row in self._store["variables"]
-            if not row["attributes"]["is_tunable"] and not final.get(row["name"], False)
+            if str(row["name"]).startswith(owners)
+            or (not row["attributes"]["is_tunable"] and not final.get(row["name"], False))
         }
 
     def _pairs(self, target: int, value: int) -> list[tuple[Expression, Expression]]:
@@ -150,9 +159,11 @@ class Reader:
         value_type: Mapping[str, Any] = self._store["value_types"][row["value_type"]]
         name = str(row["name"])
         scalar = "integer" if value_type["scalar"] == "enumeration" else value_type["scalar"]
+        role = _ROLES.get(str(row["role"]))
+        if scalar == "string" and role in (Role.PARAMETER, Role.CONSTANT):
+            return []  # a label; where an equation asks for it, that is refused
         if scalar not in ("real", "integer", "boolean"):
             raise self._unsupported(f"the {scalar} variable '{name}'", position)
-        role = _ROLES.get(str(row["role"]))
         if role is None:
             raise self._unsupported(f"the {row['role']} variable '{name}'", position)
         flat: Mapping[str, Any] = self._flat["variables"].get(name, {})

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Iterator
 from dataclasses import replace
 
 from fmus.dae import Dae, Role, ScalarType
 from fmus.expressions import names
+
+_ELEMENT = re.compile(r"\[[\d,]+\]\Z")
 
 
 def without_structural(dae: Dae, structural: Collection[str]) -> Dae:
@@ -17,14 +20,15 @@ def without_structural(dae: Dae, structural: Collection[str]) -> Dae:
 
     Args:
         dae: As read; a parameter is tunable unless it is structural itself or declared final.
-        structural: Parameters that the front end calls so. In addition, Boolean and Integer
-            parameters that are not tunable and that no equation asks for are taken for such.
+        structural: Parameters that the front end calls so, arrays as a whole. In addition, Boolean
+            and Integer parameters that are not tunable and that no equation asks for are taken for
+            such.
     """
     live = {name for expression in dae.expressions() for name in names(expression)}
     decisive = [
         v.name
         for v in dae.with_role(Role.PARAMETER)
-        if v.name in structural
+        if _ELEMENT.sub("", v.name) in structural
         or (v.type is not ScalarType.REAL and not v.tunable and v.name not in live)
     ]
     variables = dict(dae.variables)

@@ -307,7 +307,7 @@ def test_mistakes_have_a_position(text, place, message):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("String s = \"a\"; Real x; equation der(x) = -x;", "string variable 's'"),
+        ("String s = \"a\"; Real x; equation der(x) = -x;", "'s'"),
         ("Real x; Real y; equation der(x) = -y; y = if terminal() then 1 else x;", "terminal"),
     ],
 )  # fmt: skip

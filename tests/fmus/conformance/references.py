@@ -355,6 +355,11 @@ def rounding(t):
 
 
 @reference
+def string_labels(t):
+    return {"x": decay(t, 1, 2)}
+
+
+@reference
 def initial_flag(t):
     return {"x": decay(t, 5, 2), "rate": 2 + 0 * t, "high": 1 + 0 * t}
 

@@ -17,8 +17,8 @@ REFUSED = {
         " Real x; equation der(x) = -f(x); end T;",
         "recursive function",
     ),
-    "String variables and parameters": (
-        'model T parameter String s = "a"; Real x; equation der(x) = -x; end T;',
+    "String variables": (
+        'model T String s; Real x; equation der(x) = -x; s = if x > 1 then "a" else "b"; end T;',
         "string variable 's'",
     ),
     "redeclare of a class with a modifier, within a modifier": (
