@@ -11,6 +11,7 @@ from fmus.places import Place
 from identification.comparison import Comparison
 from identification.discovery.diagnosis import Diagnosis
 from identification.discovery.effects import Effect
+from identification.discovery.empirical import Proposal
 from identification.discovery.extension import Addition
 from identification.estimate import Estimate
 from twinproof.api import Compared, Diagnosed, Identified, Improved
@@ -123,11 +124,28 @@ def diagnosis(value: Diagnosis) -> Document:
         "ties": [list(tie) for tie in value.ties],
         "next_experiment": value.next_experiment,
         "disturbance": value.disturbance,
+        "proposal": _proposal(value.proposal),
         "checks": {
             label: {"accepted": v.accepted, "p": v.chance, "removed": v.removed, "reason": v.reason}
             for label, v in value.checks.items()
         },
         "skipped": dict(value.skipped),
+    }
+
+
+def _proposal(value: Proposal | None) -> dict[str, Any] | None:
+    if value is None:
+        return None
+    addition = value.refit.addition
+    return {
+        "effect": addition.effect.name,
+        "place": addition.place.name,
+        "parameters": dict(addition.values),
+        "over": value.over,
+        "evidence": value.refit.evidence,
+        "removed": value.verdict.removed,
+        "nearest": list(value.nearest),
+        "add": value.addition,
     }
 
 
@@ -204,6 +222,7 @@ def improved(result: Improved, files: Mapping[int, tuple[str, str]]) -> Document
             "ties": [list(t) for step in found.steps for t in step.diagnosis.ties],
             "next_experiment": found.steps[-1].diagnosis.next_experiment,
             "disturbance": found.steps[-1].diagnosis.disturbance,
+            "proposal": _proposal(found.steps[-1].diagnosis.proposal),
             "horizon": horizon_word(found.horizon),
             "notes": list(result.problem.notes),
         },

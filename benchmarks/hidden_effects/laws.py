@@ -48,6 +48,7 @@ UNKNOWN_FORCES: Mapping[str, ForceLaw] = {
     "damping only near the middle": lambda z, v, t, w: -1.5 * v * np.exp(-((z / 0.25) ** 2)),
     "friction that sets in": lambda z, v, t, w: -_sign(v, w) * (t > 5),
     "force of position times speed squared": lambda z, v, t, w: -1.2 * z * v * v,
+    "force that peaks at one speed": lambda z, v, t, w: -2.0 * v / (1 + (v / 0.5) ** 4),
     "two ripples": lambda z, v, t, w: 0.6 * np.sin(9 * z) + 0.6 * np.sin(15.6 * z + 1),
 }
 """Laws that are in no library."""

@@ -9,6 +9,7 @@ from enum import Enum
 import numpy as np
 
 from identification.discovery.crossvalidation import Verdict, crossvalidate
+from identification.discovery.empirical import Proposal, propose
 from identification.discovery.evidence import Refit, refit_all
 from identification.discovery.extension import ExtendedModel
 from identification.discovery.innovation_scan import Opinion, adopt, second_opinion
@@ -25,8 +26,10 @@ _TIE = 3.0
 _AT_FLOOR = 1.1
 _CHANCE_GAIN = 3.0
 _NUMERICAL = 1e-4
-# A disturbance of this share of the input may be called noise of the machine.
+# A disturbance of this share of the input may be called noise of the machine; beside one of that
+# share no effect is named.
 _SMALL_DISTURBANCE = 0.02
+_LARGE_DISTURBANCE = 0.1
 
 Progress = Callable[[str], None]
 
@@ -77,6 +80,8 @@ class Diagnosis:
         next_experiment: What to record to get further; empty if nothing is open.
         opinion: What the innovations say, where output error found nothing to add; None if it was
             not asked, or the sensors' noise is not known.
+        proposal: A curve without a name that explains what is left; None if there is none, or no
+            need of one.
     """
 
     outcome: Outcome
@@ -87,6 +92,7 @@ class Diagnosis:
     skipped: Mapping[str, str]
     next_experiment: str
     opinion: Opinion | None = None
+    proposal: Proposal | None = None
 
     @property
     def disturbance(self) -> str:
@@ -114,11 +120,16 @@ def diagnose(
         progress: Told what is being done.
     """
     if disturbed:
-        return _with_disturbance(model, experiment, fit, None, progress)
-    found = _by_output_error(model, experiment, fit, progress)
-    noise_known = not np.any(np.isnan(experiment.problem.noise_sd))
-    if found.outcome is Outcome.UNKNOWN_SHAPE and noise_known:
-        return _with_disturbance(model, experiment, fit, found, progress)
+        found = _with_disturbance(model, experiment, fit, None, progress)
+    else:
+        found, refits = _by_output_error(model, experiment, fit, progress)
+        noise_known = not np.any(np.isnan(experiment.problem.noise_sd))
+        if found.outcome is Outcome.UNKNOWN_SHAPE and noise_known:
+            found = _with_disturbance(model, experiment, fit, found, progress)
+        if found.outcome is Outcome.UNKNOWN_SHAPE:
+            progress("looking for a curve without a name")
+            noise = noise_estimate(experiment.problem)
+            found = replace(found, proposal=propose(model, experiment, fit, noise, refits))
     return found
 
 
@@ -134,16 +145,15 @@ def _with_disturbance(
     opinion = second_opinion(model, experiment.problem, fit.values)
     if found is None:
         found = Diagnosis(Outcome.UNKNOWN_SHAPE, (), (), None, {}, {}, "")
-    if opinion.best is None:
-        inputs = np.sqrt(np.mean(experiment.problem.inputs**2, axis=0))
-        small = all(
-            d.sd <= _SMALL_DISTURBANCE * size
-            for d, size in zip(opinion.base.disturbances, inputs, strict=True)
-        )
-        # A disturbance explains anything. Called complete is what needs little of it.
-        complete = opinion.white and small
+    inputs = np.sqrt(np.mean(experiment.problem.inputs**2, axis=0))
+    left = opinion.base if opinion.best is None else opinion.best.maximum
+    share = max(d.sd / size for d, size in zip(left.disturbances, inputs, strict=True))
+    # A disturbance explains anything: called complete is what needs little of it, and an effect is
+    # only named beside one that does not do most of the work.
+    if opinion.best is None or share > _LARGE_DISTURBANCE:
+        complete = opinion.white and share <= _SMALL_DISTURBANCE and opinion.best is None
         outcome = Outcome.COMPLETE if complete else Outcome.UNKNOWN_SHAPE
-        return replace(found, outcome=outcome, opinion=opinion)
+        return replace(found, outcome=outcome, opinion=replace(opinion, best=None))
     refit, verdict = adopt(opinion.best, model, experiment, opinion.base, fit)
     label = refit.addition.label
     ranking = (_row(refit), *(row for row in found.ranking if row.label != label))
@@ -159,7 +169,7 @@ def _with_disturbance(
 
 def _by_output_error(
     model: ExtendedModel, experiment: Experiment, fit: Fit, progress: Progress
-) -> Diagnosis:
+) -> tuple[Diagnosis, tuple[Refit, ...]]:
     progress("scoring every effect at every place")
     scanned = scan(model, experiment, fit)
     shortlist = [s for s in scanned.scored[:SHORTLIST] if s.gain > 0]
@@ -192,7 +202,7 @@ def _by_output_error(
     )
     rivals = _rivals(refits, chosen)
     ties = (tuple(r.addition.label for r in rivals),) if rivals else ()
-    return Diagnosis(
+    diagnosis = Diagnosis(
         _outcome(chosen, rivals, fit, noise, experiment),
         ranking,
         ties,
@@ -201,6 +211,7 @@ def _by_output_error(
         {**scanned.skipped, **failed},
         _next_experiment(ties),
     )
+    return diagnosis, refits
 
 
 def _row(refit: Refit) -> Ranked:
@@ -257,7 +268,8 @@ def _outcome(
         # A rival with more parameters loses to the simpler law; an equal one does not.
         size = len(chosen.addition.values)
         equal = any(r is not chosen and len(r.addition.values) <= size for r in rivals)
-        return Outcome.UNDETERMINED if equal else Outcome.EFFECT
+        # A shape at the end of its range stands for something else.
+        return Outcome.UNDETERMINED if equal or chosen.at_bound else Outcome.EFFECT
     # Below this the integration's own error and the recording's digits begin.
     smallest = _NUMERICAL * np.std(experiment.problem.outputs, axis=0)
     if np.all(fit.at.rms <= _AT_FLOOR * np.fmax(noise, smallest)):

@@ -7,7 +7,7 @@ ranges, comes from the Modelica sources alone; a user adds an effect by writing 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -23,6 +23,7 @@ _KINDS = {
     "TranslationalEffect": "translational",
     "SignalEffect": "signal",
 }
+_EMPIRICAL = ("RotationalEmpirical", "TranslationalEmpirical")
 _TOKEN = re.compile(
     r"\b(end)\s+(\w+)\s*;|\b(partial\s+)?(package|model|block)\s+(\w+)\b(?!\s*=)"
     r"|\bextends\s+\.?([\w.]+)"
@@ -55,6 +56,7 @@ class Effect:
         states: Number of states of its own.
         jumps: It changes discrete variables or states at events.
         unit: Of the signals that it is for; empty for any, and for effects on flanges.
+        empirical: A curve drawn from data, which has no name in physics and is not searched for.
     """
 
     class_name: str
@@ -66,6 +68,7 @@ class Effect:
     states: int = 0
     jumps: bool = False
     unit: str = ""
+    empirical: bool = False
 
     @property
     def name(self) -> str:
@@ -121,9 +124,12 @@ def find_effects(source: ModelicaSource | None = None) -> tuple[Effect, ...]:
         (beside, roots, text),
     ):
         for one in classes:
-            kind = None if one.partial else _kind_of(one, every)
-            if kind is not None:
-                effect = _read(one.name, one.description, kind, where, defined_in)
+            base = None if one.partial else _base_of(one, every, _KINDS)
+            if base is not None:
+                effect = _read(one.name, one.description, _KINDS[base], where, defined_in)
+                kind = effect.kind
+                if _base_of(one, every, _EMPIRICAL) is not None:
+                    effect = replace(effect, empirical=True)
                 found[kind, effect.name] = effect
     return tuple(found.values())
 
@@ -182,18 +188,18 @@ def _classes_in(text: str, prefix: str) -> Iterator[_Class]:
             scopes[-1].bases.append(base)
 
 
-def _kind_of(one: _Class, classes: Sequence[_Class]) -> str | None:
-    """Return the kind of effect that a class is, by the base that it extends in the end."""
+def _base_of(one: _Class, classes: Sequence[_Class], wanted: Collection[str]) -> str | None:
+    """Return which of the wanted base classes a class extends in the end."""
     others = [c for c in classes if c is not one]
     for base in one.bases:
-        kind = _KINDS.get(base.rpartition(".")[2])
-        if kind is not None:
-            return kind
+        short = base.rpartition(".")[2]
+        if short in wanted:
+            return short
         for other in others:
             if f".{other.name}".endswith(f".{base}"):
-                kind = _kind_of(other, others)
-                if kind is not None:
-                    return kind
+                found = _base_of(other, others, wanted)
+                if found is not None:
+                    return found
     return None
 
 

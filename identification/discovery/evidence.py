@@ -157,7 +157,7 @@ def refit(model: ExtendedModel, experiment: Experiment, base: Fit, scored: Score
     gain, explains = log_gain(base, best)
     independent = independent_samples(best.at.residuals)
     found = Refit(
-        addition=replace(addition, values=fitted),
+        addition=replace(addition, values={**addition.values, **fitted}),
         model=bigger,
         experiment=larger,
         fit=best,

@@ -56,7 +56,7 @@ class Scan:
 
 
 def candidates(source: ModelicaSource, measured: Sequence[str]) -> tuple[Addition, ...]:
-    """Return every effect at every place where it can act and would be noticed.
+    """Return every named effect at every place where it can act and would be noticed.
 
     An output that is not recorded cannot show a sensor's effect.
     """
@@ -70,6 +70,8 @@ def candidates(source: ModelicaSource, measured: Sequence[str]) -> tuple[Additio
 
 
 def _fits(place: Place, effect: Effect, measured: Sequence[str]) -> bool:
+    if effect.empirical:
+        return False
     if place.kind not in ("input", "output"):
         return effect.kind == place.kind
     if effect.kind != "signal" or (place.kind == "output" and place.name not in measured):
@@ -94,7 +96,7 @@ def scan(
     wanted = [a for a in candidates(model.base, measured) if a.label not in have]
     testable, skipped = _testable(wanted)
     with ThreadPoolExecutor(_WORKERS) as pool:
-        scored = pool.map(partial(_score_group, model, experiment, fit), _groups(testable))
+        scored = pool.map(partial(score_group, model, experiment, fit), _groups(testable))
         every = [one for group in scored for one in group]
     return Scan(tuple(sorted(every, key=lambda s: -s.gain)), skipped)
 
@@ -116,7 +118,7 @@ def _groups(testable: Sequence[Addition]) -> list[list[Addition]]:
     return [group for group in groups if group]
 
 
-def _score_group(
+def score_group(
     model: ExtendedModel, experiment: Experiment, fit: Fit, group: Sequence[Addition]
 ) -> list[Scored]:
     """Attach a group of candidates, absent, and score each."""

@@ -43,8 +43,8 @@ def declaration(name: str, parameter: str) -> str:
 
 
 def test_the_library_is_all_there() -> None:
-    assert len(SIMULATED) == 7 + 16 + 14 + 15 + 4 + 2
-    assert len(CLASSES) == len(SIMULATED) + 9
+    assert len(SIMULATED) == 7 + 18 + 16 + 15 + 4 + 2
+    assert len(CLASSES) == len(SIMULATED) + 11
 
 
 @pytest.mark.parametrize("path", FILES, ids=class_name)
@@ -116,7 +116,13 @@ def test_parameters_of_an_effect_follow_the_conventions(name: str) -> None:
     ]
     main = [p for p in public if p.value == 0]
     # A periodic effect has a phase, of which nothing is known beforehand.
-    assert len(main) == (2 if name.rpartition(".")[2] in PERIODIC else 1)
+    short = name.rpartition(".")[2]
+    if short.startswith("Empirical"):
+        # A curve drawn from data: bumps that its base declares, over a range that is known.
+        assert {p.name for p in main} == {f"c_{k}" for k in range(1, 10)}
+        assert {p.name for p in public} - {p.name for p in main} == {"lowest", "highest"}
+        return
+    assert len(main) == (2 if short in PERIODIC else 1)
     for parameter in main:
         assert parameter.nominal is not None
         assert parameter.nominal > 0
@@ -181,6 +187,8 @@ def test_units_make_a_torque_or_a_force(name: str) -> None:
             assert parameter.unit == "1"
         elif parameter.name in POSITIONS:
             assert parameter.unit == angle
+        elif parameter.name in {"lowest", "highest"}:
+            assert parameter.unit == (rate if name.endswith("Speed") else angle)
         elif parameter.name in RATES:
             assert parameter.unit == rate
         else:

@@ -124,7 +124,7 @@ def diagnose(request: Request, report_dir: Path | None) -> None:
     found = result.diagnosis
     output.console.print(tables.ranking(found))
     output.console.print(f"[bold]{found.outcome.value}[/bold]: {SAID[found.outcome]}")
-    _print_disturbance(output, found)
+    _print_what_is_left(output, found)
     for tie in found.ties:
         output.console.print("not told apart: " + ", ".join(tie))
     if found.next_experiment:
@@ -227,9 +227,17 @@ def improve(
     )
 
 
-def _print_disturbance(output: Output, diagnosis: Diagnosis) -> None:
+def _print_what_is_left(output: Output, diagnosis: Diagnosis) -> None:
     if diagnosis.disturbance:
         output.console.print(f"beside an unknown disturbance: {diagnosis.disturbance}")
+    if diagnosis.proposal is not None:
+        proposal = diagnosis.proposal
+        nearest = f" (nearest by name: {', '.join(proposal.nearest)})" if proposal.nearest else ""
+        output.console.print(
+            f"a curve over {proposal.over} at {proposal.refit.addition.place.name} explains "
+            f"{100 * proposal.verdict.removed:.0f} % of it on unseen windows{nearest}; "
+            f"to have it: extend --add {proposal.addition}"
+        )
 
 
 def run_improvement(
@@ -259,6 +267,6 @@ def run_improvement(
     if not found.added:
         output.console.print("nothing was added")
     output.console.print(f"[bold]{found.outcome.value}[/bold]: {SAID[found.outcome]}")
-    _print_disturbance(output, found.steps[-1].diagnosis)
+    _print_what_is_left(output, found.steps[-1].diagnosis)
     output.console.print(f"report: {folder / 'report.html'}", soft_wrap=True)
     output.document(documents.improved(result, files))

@@ -1,0 +1,127 @@
+"""A missing force without a name: a smooth curve over speed or position.
+
+Where no law of the library explains what a model leaves over, the curve that explains it best is
+proposed as an effect of its own (`EmpiricalOverSpeed`, …), marked as empirical. It is judged like
+any other effect, on windows that its fit has not seen, but never added unasked: it says what acts,
+not why.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fmus.places import places
+from identification.discovery.characteristic import variable_of
+from identification.discovery.crossvalidation import Verdict, crossvalidate
+from identification.discovery.effects import find_effects
+from identification.discovery.evidence import Refit, refit_all
+from identification.discovery.extension import Addition, ExtendedModel, addition_at, extend
+from identification.discovery.scan import score_group
+from identification.discovery.transfer import transfer_problem, transfer_states
+from identification.experiment import Experiment
+from identification.gauss_newton import Fit
+from identification.problem import Vector
+from identification.shooting import Shooting
+
+_TRIED = 2
+_LEAST_EVIDENCE = 8.0  # [nats]
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """A curve that explains what is left.
+
+    Attributes:
+        refit: The curve at its place, fitted.
+        over: What it is drawn over, in words.
+        verdict: Of the cross-validation that it passed.
+        nearest: Labels of the named effects that come nearest there, best first.
+    """
+
+    refit: Refit
+    over: str
+    verdict: Verdict
+    nearest: tuple[str, ...]
+
+    @property
+    def addition(self) -> str:
+        """What `extend --add` is told to have it."""
+        addition = self.refit.addition
+        values = ",".join(f"{name}={value:.4g}" for name, value in addition.values.items())
+        return f"{addition.label},{values}"
+
+
+def propose(
+    model: ExtendedModel,
+    experiment: Experiment,
+    fit: Fit,
+    noise: Vector,
+    refits: tuple[Refit, ...] = (),
+) -> Proposal | None:
+    """Return the curve that explains best what a model leaves over, if one does.
+
+    Args:
+        model: The present model.
+        experiment: That model on the record.
+        fit: Its fit.
+        noise: (ny,) standard deviation of the sensors' noise.
+        refits: Of named effects, best first, to say which come nearest.
+
+    Raises:
+        UnsupportedModelError: The model cannot be simulated with sensitivities.
+    """
+    have = {a.label for a in model.additions}
+    curves = [
+        addition_at(model.base, effect, place)
+        for place in places(model.base)
+        for effect in find_effects(model.base)
+        if effect.empirical and effect.kind == place.kind
+    ]
+    curves = [_over_record(model, experiment, fit, a) for a in curves if a.label not in have]
+    if not curves:
+        return None
+    scored = sorted(score_group(model, experiment, fit, curves), key=lambda s: -s.gain)
+    tried = [s for s in scored[:_TRIED] if s.gain > 0]
+    for found in refit_all(model, experiment, fit, tried)[0]:
+        if found.merit < _LEAST_EVIDENCE:
+            continue
+        verdict = crossvalidate(
+            experiment,
+            fit,
+            found.experiment,
+            found.fit,
+            noise,
+            independent=found.independent,
+            tried=len(curves),
+        )
+        if verdict.accepted:
+            place = found.addition.place.name
+            near = [r.addition.label for r in refits if r.addition.place.name == place]
+            over = variable_of(found.addition.effect, model.base).words
+            return Proposal(found, over, verdict, tuple(near[:3]))
+    return None
+
+
+def _over_record(
+    model: ExtendedModel, experiment: Experiment, fit: Fit, addition: Addition
+) -> Addition:
+    """Return an empirical effect whose curve spans what the record moves through."""
+    bigger = extend(model.base, [*model.additions, addition], values=model.values)
+    problem = transfer_problem(experiment.problem, bigger, fit.values, model)
+    watched = bigger.parameter_of(addition, variable_of(addition.effect, model.base).name)
+    shooting = Shooting(problem.dae, (watched,), (), briefly=True)
+    windows = experiment.windows
+    x0 = transfer_states(problem, shooting, bigger, windows, experiment, model, fit.x0)
+    p = shooting.parameter_vector(problem.values)
+    h = problem.sample_time
+    inputs = shooting.inputs_with_delays(problem.inputs, h, p)
+    tracks = [
+        shooting.run(x, inputs[w.begin : w.end], p, h, t0=float(problem.time[w.begin])).outputs
+        for w, x in zip(windows, x0, strict=True)
+    ]
+    low, high = np.nanquantile(np.concatenate(tracks), [0.001, 0.999])
+    span = max(float(high - low), 1e-9)
+    values = {"lowest": float(low) - 0.01 * span, "highest": float(high) + 0.01 * span}
+    return replace(addition, values=values)

@@ -1,0 +1,21 @@
+within Twinproof.Effects.Translational;
+model EmpiricalOverPosition "Force as a curve over position, drawn from data: empirical"
+  extends Twinproof.Interfaces.TranslationalEmpirical;
+
+  parameter Real lowest(unit = "m", nominal = 1) = -1 "Where the curve begins"
+    annotation(__twinproof(known = true));
+  parameter Real highest(unit = "m", nominal = 1) = 1 "Where the curve ends"
+    annotation(__twinproof(known = true));
+equation
+  r = 8 * (s - lowest) / (highest - lowest);
+
+  annotation(Documentation(info = "<html>
+  <p>A smooth curve over position, for a force that no effect of the
+  library explains. It is proposed where the data show one, marked as empirical, and never
+  takes part in the search for effects that have a name.</p>
+  <h4>Reference</h4>
+  <ul>
+  <li>C. de Boor, <em>A Practical Guide to Splines</em> (2001)</li>
+  </ul>
+  </html>"));
+end EmpiricalOverPosition;
