@@ -114,6 +114,9 @@ def _ones() -> Iterator[Case]:
     for plant in PLANTS.values():
         for k, (effect, place, sizes) in enumerate(_single(plant)):
             for m, size in enumerate(sizes):
+                # Signal laws in turn, now small, now large: the whole stays within an hour.
+                if place not in plant.flanges and (k + m) % 2:
+                    continue
                 yield Case(
                     f"{plant.name}: {effect}@{place} {'large' if m else 'small'}",
                     "one",
