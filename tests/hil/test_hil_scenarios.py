@@ -206,14 +206,15 @@ def external(tmp_path, controller, run=""):
 
 def test_the_controller_in_c_balances_from_another_process(tmp_path):
     controller = 'kind = "process"\nbuilt_in = "balance"'
-    result = run_scenario(external(tmp_path, controller, "silence = 20.0\n"))
+    # A machine with other work to do: late cycles move the later ones.
+    result = run_scenario(external(tmp_path, controller, 'silence = 20.0\noverrun = "slip"\n'))
     assert result.trace.count == 500
     assert np.max(np.abs(result.trace.columns["theta_p"])) < 0.2
     assert np.ptp(result.trace.columns["command.V"]) > 0.1
     assert result.plant.wrong_checksum == result.plant.unknown == 0
     assert result.loop.jitter.count == 500
     assert result.loop.latency.count > 5
-    assert result.loop.latency.percentile(50) < 0.1
+    assert result.loop.latency.percentile(50) < 0.5
 
 
 def test_a_controller_that_is_silent_leaves_its_recording(tmp_path):
@@ -354,5 +355,5 @@ def test_python_of_this_process_can_be_the_controller(tmp_path):
         "            bus.send(out.pack({'V': 170 * y['theta_p'] + 9 * y['omega_p']}), 1.0)\n"
     )
     command = f'kind = "process"\ncommand = ["{sys.executable}", "{script}", "{{channel}}"]'
-    result = run_scenario(external(tmp_path, command, "silence = 30.0\n"))
+    result = run_scenario(external(tmp_path, command, 'silence = 30.0\noverrun = "slip"\n'))
     assert np.max(np.abs(result.trace.columns["theta_p"])) < 0.3
