@@ -3,6 +3,7 @@
  * All inputs of all units stand in one array `u`, all outputs in one array `y`; `source` says where
  * an input comes from. Numbers are double here; groups convert from and to the FMU's own types. */
 
+#include <math.h>
 #include <stdbool.h>
 #include <stdint.h>
 #include <stddef.h>
@@ -40,6 +41,9 @@ typedef struct {
     int32_t n_units, n_u, failed_unit, failed_at, status;
     int32_t has_before;
     double span; /* between the previous point and this one */
+    const int32_t *plus; /* column from outside that is added to each input, or -1; NULL: none */
+    const double *grid;  /* resolution of each input, or 0; NULL: none */
+    int32_t sampled;     /* outputs are only read where a point is settled */
 } System;
 
 typedef int Access(void *, const uint32_t *, size_t, void *);
@@ -120,6 +124,10 @@ static void gather(System *s, const Unit *unit, const double *external)
             s->u[i] = s->factor[i] * s->y[from] + s->offset[i];
         else if (from != UNCONNECTED)
             s->u[i] = s->factor[i] * external[-1 - from] + s->offset[i];
+        if (s->plus != NULL && s->plus[i] >= 0)
+            s->u[i] += external[s->plus[i]];
+        if (s->grid != NULL && s->grid[i] > 0)
+            s->u[i] = s->grid[i] * nearbyint(s->u[i] / s->grid[i]);
     }
 }
 
@@ -202,7 +210,16 @@ bool loop_advance(System *s, double time, double length, int32_t sequential, int
     }
     memcpy(s->before, s->u, (size_t)s->n_u * sizeof(double));
     s->has_before = 1, s->span = length;
-    return sequential || !several || loop_read(s);
+    return sequential || !several || s->sampled || loop_read(s);
+}
+
+/* Hold the inputs of a single unit over a step, and read its outputs at the end of it: what a
+ * controller that is not compiled needs of each of its cycles, in one call. */
+bool loop_tick(System *s, const double *external, double time, double length, double *outputs)
+{
+    const Unit *unit = s->units;
+    gather(s, unit, external);
+    return set(s, 0, s->u) && step(s, 0, time, length) && get(s, 0, outputs);
 }
 
 /* Settle at a point where inputs from outside may jump. A line through the last two points must not

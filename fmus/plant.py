@@ -127,6 +127,23 @@ class Plant:
         md = self._fmu.model_description
         return UnitOf(self._instance, md, list(self.inputs), list(self.outputs), name)
 
+    def ticker(self, length: float, inputs: Array, outputs: Array) -> Callable[[int], None]:
+        """Return what steps along tables from where the plant is, one call a step.
+
+        Args:
+            length: Of a step [s].
+            inputs: Shape (n, inputs), in the variables' units; row k is held over step k, and may
+                be filled just before.
+            outputs: Shape (n + 1, outputs); row 0 is filled now, row k + 1 at the end of step k.
+
+        Raises:
+            FmuError: The FMU refuses.
+        """
+        self._held[:] = inputs[0]
+        self._try(lambda: self._loop.settle(self._held))
+        outputs[0] = self._loop.y
+        return self._loop.ticker(self.time, length, inputs, outputs)
+
     def feedthrough(self) -> Mapping[str, frozenset[str]]:
         """Return for each output the inputs that act on it at once, as the FMU declares.
 

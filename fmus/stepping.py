@@ -6,7 +6,7 @@ The loop is `loop.c`; here its structures are filled from FMPy's instances.
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from ctypes import POINTER, Structure, c_double, c_int32, c_int64, c_void_p
 from dataclasses import dataclass
 from functools import cache
@@ -101,6 +101,9 @@ class _System(Structure):
         ("status", c_int32),
         ("has_before", c_int32),
         ("span", c_double),
+        ("plus", c_void_p),
+        ("grid", c_void_p),
+        ("sampled", c_int32),
     )
 
 
@@ -111,6 +114,7 @@ def _library() -> ctypes.CDLL:
     system = POINTER(_System)
     library.loop_settle.argtypes = [system, c_void_p]
     library.loop_advance.argtypes = [system, c_double, c_double, c_int32, c_int32]
+    library.loop_tick.argtypes = [system, c_void_p, c_double, c_double, c_void_p]
     library.loop_evaluate.argtypes = [system, c_int32]
     library.loop_read.argtypes = [system]
     library.loop_save.argtypes = library.loop_restore.argtypes = [system, c_void_p]
@@ -119,7 +123,7 @@ def _library() -> ctypes.CDLL:
         *(c_void_p, c_int64, c_int32, c_int32),
     ]
     library.loop_run.restype = c_int64
-    for name in ("settle", "advance", "evaluate", "read", "save", "restore"):
+    for name in ("settle", "advance", "tick", "evaluate", "read", "save", "restore"):
         getattr(library, f"loop_{name}").restype = ctypes.c_bool
     return library
 
@@ -173,6 +177,11 @@ class Loop:
             from outside, or UNCONNECTED.
         order: Places of the units, sources first; default: as given.
         factors, offsets: Of each input: it is set to factor × source + offset.
+        plus: For each input the column of the inputs from outside that is added to it, or -1; for
+            disturbances and noise. Jacobi's method of order 1 only.
+        grid: Resolution of each input, or 0; it is rounded to that, noise included.
+        sampled: Outputs are only read where a point is settled: what a unit gets from one that is
+            later in the order is then exactly a step old, as from a sampled controller.
     """
 
     def __init__(
@@ -183,6 +192,9 @@ class Loop:
         order: Sequence[int] | None = None,
         factors: Sequence[float] | Array | None = None,
         offsets: Sequence[float] | Array | None = None,
+        plus: Sequence[int] | None = None,
+        grid: Sequence[float] | None = None,
+        sampled: bool = False,
     ) -> None:
         self.units = tuple(units)
         n_u = sum(len(unit.inputs) for unit in units)
@@ -197,6 +209,8 @@ class Loop:
         )
         self.factors = np.ones(n_u) if factors is None else np.array(factors, float)
         self.offsets = np.zeros(n_u) if offsets is None else np.array(offsets, float)
+        self._plus = None if plus is None else np.array(plus, np.int32)
+        self._grid = None if grid is None else np.array(grid, float)
         self._kept: list[Any] = []
         structures: list[_Unit] = []
         first_u = first_y = 0
@@ -220,6 +234,9 @@ class Loop:
             stepped=_address(self._stepped),
             n_units=len(units),
             n_u=n_u,
+            plus=None if self._plus is None else _address(self._plus),
+            grid=None if self._grid is None else _address(self._grid),
+            sampled=int(sampled),
         )
         self._pointer = ctypes.pointer(self._system)
         self._library = _library()
@@ -330,6 +347,37 @@ class Loop:
         if reached < times.size:
             raise self._failure(float(times[reached]))
         return result
+
+    def ticker(
+        self, start: float, length: float, external: Array, outputs: Array
+    ) -> Callable[[int], None]:
+        """Return what steps a single unit along tables, one call a step.
+
+        Args:
+            start: Time of the first step [s].
+            length: Of a step [s].
+            external: Inputs, shape (n, inputs); row k is held over step k.
+            outputs: Shape (n + 1, outputs); row k + 1 is filled at the end of step k.
+
+        Returns:
+            A function of k; it raises `FmuError` if the FMU refuses.
+
+        Raises:
+            ValueError: A table is not contiguous, or there are several units.
+        """
+        tables = (external, outputs)
+        if len(self.units) != 1 or not all(t.flags.c_contiguous for t in tables):
+            raise ValueError("one unit and contiguous tables")
+        tick, pointer = self._library.loop_tick, self._pointer
+        given, width = _address(external), 8 * external.shape[1]
+        found, height = _address(outputs), 8 * outputs.shape[1]
+
+        def step(k: int) -> None:
+            time = start + k * length
+            if not tick(pointer, given + k * width, time, length, found + (k + 1) * height):
+                raise self._failure(time)
+
+        return step
 
     def forget(self) -> None:
         """Do not extrapolate from what was before."""

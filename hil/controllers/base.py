@@ -66,11 +66,17 @@ class Controller(ABC):
             Of `commanded`.
         """
 
-    def transfer(self, z: complex) -> Transfer | None:
-        """Return the matrix K(z) of u = K y near the reference, shape (commanded, measured).
+    def transfer(self, z: Transfer) -> Transfer | None:
+        """Return the matrices K(z) of u = K y near the reference.
 
-        None where the controller is not linear, or its linear part is not known: then there are
-        no robustness margins.
+        Args:
+            z: Shape (n,).
+
+        Returns:
+            Shape (n, commanded, measured).
+
+            None where the controller is not linear, or its linear part is not known: then there
+            are no robustness margins.
         """
         del z
         return None

@@ -84,8 +84,9 @@ class Incremental(Controller):
         """Take the last command for zero: the drive was somebody else's until now."""
         self._u = 0.0
 
-    def transfer(self, z: complex) -> Transfer:
+    def transfer(self, z: Transfer) -> Transfer:
         """K(z)."""
-        rate = (1 - 1 / z) / self.period
+        back = 1 / z[:, np.newaxis, np.newaxis]
         pairs = np.array(self.gains[:-1]).reshape(-1, 2)
-        return -(pairs[:, 0] + rate * pairs[:, 1])[np.newaxis] / (1 - (1 - self.gains[-1]) / z)
+        fed = pairs[:, 0] + (1 - back) / self.period * pairs[:, 1]
+        return -fed / (1 - (1 - self.gains[-1]) * back)

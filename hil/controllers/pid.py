@@ -77,7 +77,7 @@ class PID(Controller):
         self._smooth += self.period * slope
         return (u,)
 
-    def transfer(self, z: complex) -> Transfer:
+    def transfer(self, z: Transfer) -> Transfer:
         """K(z)."""
         T, N = self.period, self.bandwidth
         K = (
@@ -85,4 +85,4 @@ class PID(Controller):
             + self.integral * T / (z - 1)
             + self.derivative * N * (z - 1) / (z - 1 + N * T)
         )
-        return np.array([[-K]])
+        return -K[:, np.newaxis, np.newaxis]

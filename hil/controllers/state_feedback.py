@@ -115,10 +115,9 @@ class StateFeedback(Controller):
             wanted = [u + u0 for u, u0 in zip(wanted, self.balance, strict=True)]
         return tuple([self.limited(u) for u in wanted])
 
-    def transfer(self, z: complex) -> Transfer:
+    def transfer(self, z: Transfer) -> Transfer:
         """F, at all frequencies."""
-        del z
-        return self.F.astype(np.complex128)
+        return np.broadcast_to(self.F.astype(np.complex128), (z.size, *self.F.shape))
 
 
 def optimal_gain(A: Matrix, B: Matrix, Q: Matrix, R: Matrix) -> Matrix:

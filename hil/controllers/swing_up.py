@@ -114,7 +114,7 @@ class SwingUp(Controller):
             return (self.limited(-copysign(self.drive, moved)),)
         return (0.0,)
 
-    def transfer(self, z: complex) -> Transfer:
+    def transfer(self, z: Transfer) -> Transfer:
         """Of the balance."""
         return self._balance.transfer(z)
 

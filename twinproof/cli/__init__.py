@@ -18,6 +18,7 @@ from twinproof.cli.hil import hil
 from twinproof.cli.journey import compare, diagnose, extend, identify, improve
 from twinproof.cli.models import check, effects, export, places, simulate
 from twinproof.cli.poles import place_poles
+from twinproof.cli.whatif import whatif
 
 
 class _Group(click.Group):
@@ -65,6 +66,7 @@ for _command in (
     design,
     place_poles,
     hil,
+    whatif,
     data,
     demo,
 ):

@@ -5,6 +5,7 @@ from twinproof.report.diagnosis import write_diagnosis
 from twinproof.report.hil import write_hil
 from twinproof.report.identification import write_identification
 from twinproof.report.improvement import write_improvement
+from twinproof.report.whatif import write_whatif
 
 __all__ = [
     "write_comparison",
@@ -12,4 +13,5 @@ __all__ = [
     "write_hil",
     "write_identification",
     "write_improvement",
+    "write_whatif",
 ]
