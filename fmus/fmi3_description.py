@@ -18,6 +18,7 @@ from fmus.description import (
     value_attributes,
 )
 from fmus.explicit import ExplicitModel
+from fmus.icon import Icon
 from fmus.layout import FmuVariable, Layout
 
 _ABILITIES = {
@@ -78,17 +79,27 @@ def build_description(identifier: str, sources: Sequence[str]) -> str:
     return document(root)
 
 
-def terminals(dae: Dae, layout: Layout) -> str | None:
-    """Return the text of terminalsAndIcons.xml: the model's flanges; None if it has none.
+def terminals(dae: Dae, layout: Layout, icon: Icon | None = None) -> str | None:
+    """Return the text of terminalsAndIcons.xml: flanges and icon; None if there is neither.
 
     A flange of the model itself, or of one of its components, is a terminal of two variables: the
     potential (angle, position) as a signal, and the flow (torque, force) into it.
     """
     known = {v.name for v in layout.variables}
     shown = [c for c in dae.connectors if c.path.count(".") <= 1 and {c.potential, c.flow} <= known]
-    if not shown:
+    if not shown and icon is None:
         return None
     root = ET.Element("fmiTerminalsAndIcons", fmiVersion="3.0")
+    if icon is not None:
+        (x1, y1), (x2, y2) = icon.extent
+        corners = {"x1": repr(x1), "y1": repr(y1), "x2": repr(x2), "y2": repr(y2)}
+        picture = ET.SubElement(root, "GraphicalRepresentation")
+        ET.SubElement(
+            picture, "CoordinateSystem", {**corners, "suggestedScalingFactorTo_mm": "0.1"}
+        )
+        ET.SubElement(picture, "Icon", corners)
+    if not shown:
+        return document(root)
     group = ET.SubElement(root, "Terminals")
     for connector in shown:
         terminal = ET.SubElement(

@@ -23,6 +23,7 @@ from fmus.explicit import explicit
 from fmus.fmi2_description import fmi2_description
 from fmus.fmi3_description import build_description, fmi3_description, terminals
 from fmus.frontend import load, with_values
+from fmus.icon import Icon, icon_of, png
 from fmus.layout import layout, with_starts
 from fmus.openmodelica import export_with_omc
 from fmus.sources import ModelicaSource
@@ -183,6 +184,7 @@ class _Translation:
         sources: C files and what describes them, by name.
         files: All other files of the FMU, by name.
         variables: Their number.
+        pictures: Files that are no text.
     """
 
     identifier: str
@@ -191,12 +193,16 @@ class _Translation:
     sources: Mapping[str, str]
     files: Mapping[str, str]
     variables: int
+    pictures: Mapping[str, bytes]
 
 
 def _translate(model: ModelicaSource | Dae, values: Mapping[str, float], fmi: str) -> _Translation:
     _check_version(fmi)
     dae = load(model) if isinstance(model, ModelicaSource) else model
     solved = explicit(signs_as_relations(_with_defaults(dae, values)), freeze_relations=True)
+    icon: Icon | None = None
+    if isinstance(model, ModelicaSource):
+        icon = icon_of(model.written.text, model.written.class_name)
     variables = layout(solved)
     identifier = model_identifier(dae.name)
     headers = Path(fmpy.__file__).parent / "c-code"
@@ -209,7 +215,7 @@ def _translate(model: ModelicaSource | Dae, values: Mapping[str, float], fmi: st
         files = {"modelDescription.xml": fmi2_description(solved, variables, _LAYER[fmi])}
     else:
         files = {"modelDescription.xml": fmi3_description(solved, variables)}
-        flanges = terminals(dae, variables)
+        flanges = terminals(dae, variables, icon)
         if flanges is not None:
             files["terminalsAndIcons/terminalsAndIcons.xml"] = flanges
     guid = _guid(*files.values(), *sources.values())
@@ -217,9 +223,10 @@ def _translate(model: ModelicaSource | Dae, values: Mapping[str, float], fmi: st
     def marked(texts: Mapping[str, str]) -> dict[str, str]:
         return {name: text.replace(GUID_MARK, guid) for name, text in texts.items()}
 
-    return _Translation(
-        identifier, fmi, guid, marked(sources), marked(files), len(variables.variables)
-    )
+    place = {"2": "model.png", "3": "terminalsAndIcons/icon.png"}[fmi]
+    pictures = {place: png(icon, dae.name)} if icon is not None else {}
+    count = len(variables.variables)
+    return _Translation(identifier, fmi, guid, marked(sources), marked(files), count, pictures)
 
 
 def _compiled(translation: _Translation, target: Target) -> dict[str, str | bytes]:
@@ -235,6 +242,7 @@ def _compiled(translation: _Translation, target: Target) -> dict[str, str | byte
         )
     return {
         **translation.files,
+        **translation.pictures,
         **{f"binaries/{name}": binary for name, binary in sorted(binaries.items())},
         **{f"sources/{name}": text for name, text in sorted(translation.sources.items())},
     }

@@ -5,11 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 
-from fmus.black_box import BlackBox
-from foundation.errors import DivergenceError
+from fmus.black_box import BlackBox, black_box
+from fmus.frontend import with_values
+from fmus.package import cached_fmu
+from foundation.errors import DivergenceError, UnsupportedModelError
 from identification.fmu_shooting import FmuShooting
 from identification.gauss_newton import Fit, fit
 from identification.prediction import WINDOW, Prediction, predict
@@ -35,16 +38,27 @@ class Experiment:
     shooting: Simulator
 
     @classmethod
-    def of(cls, problem: Problem) -> Experiment:
+    def of(cls, problem: Problem, *, through_fmi: bool = False) -> Experiment:
         """Compile a problem's model.
+
+        Args:
+            problem: Model and record.
+            through_fmi: Run a model that has no exact sensitivities here, because it changes its
+                state at events or solves nonlinear equations, as an FMU instead.
 
         Raises:
             UnsupportedModelError: The model cannot be simulated with sensitivities.
             FmuError: It is an FMU that does not load.
         """
-        if isinstance(problem.dae, BlackBox):
-            return cls(problem, FmuShooting(problem.dae, problem.output_names, problem.free))
-        return cls(problem, Shooting(problem.dae, problem.output_names, problem.free))
+        model, outputs, free = problem.dae, problem.output_names, problem.free
+        if isinstance(model, BlackBox):
+            return cls(problem, FmuShooting(model, outputs, free))
+        try:
+            return cls(problem, Shooting(model, outputs, free))
+        except UnsupportedModelError:
+            if not through_fmi:
+                raise
+        return cls(problem, FmuShooting(black_box(_compiled(problem)), outputs, free))
 
     @cached_property
     def windows(self) -> tuple[Window, ...]:
@@ -110,3 +124,15 @@ class Experiment:
     def on(self, problem: Problem) -> Experiment:
         """Return the same compiled model on another record."""
         return Experiment(problem, self.shooting)
+
+
+def _compiled(problem: Problem) -> Path:
+    """Return the FMU of a problem's model; what it will not let be set is put in."""
+    model = problem.dae
+    declared = model.parameter_values
+    baked = {
+        name: value
+        for name, value in problem.values.items()
+        if not model.variables[name].tunable and value != declared[name]
+    }
+    return cached_fmu(with_values(model, baked))

@@ -95,7 +95,7 @@ def compare(
         InputError: See `read_recording` and `identification.problem.match`.
     """
     problem = match(model.dae, recording, free=(), values=parameters)
-    experiment = Experiment.of(problem)
+    experiment = Experiment.of(problem, through_fmi=True)
     chosen = horizon_of(horizon, experiment)
     prediction = experiment.predict(problem.values, chosen)
     if not np.any(np.isfinite(prediction.error)):
@@ -169,7 +169,7 @@ def identify(
         )
     estimate = chosen.estimate(problem)
     fitted = problem.with_values(estimate.values)
-    experiment = Experiment.of(fitted)
+    experiment = Experiment.of(fitted, through_fmi=True)
     length = horizon_of(horizon, experiment)
     prediction = experiment.predict(fitted.values, length)
     return Identified(

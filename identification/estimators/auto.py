@@ -39,7 +39,7 @@ class Auto(Estimator):
 
     def estimate(self, problem: Problem) -> Estimate:
         """Fit the free parameters."""
-        experiment = Experiment.of(problem)
+        experiment = Experiment.of(problem, through_fmi=True)
         start = best_start(experiment)
         fit = experiment.fit_stages(start.values)[-1]
         rough = estimate_of(problem, fit, self.method)

@@ -36,7 +36,7 @@ class OutputError(Estimator):
 
     def estimate(self, problem: Problem) -> Estimate:
         """Fit the free parameters and every window's initial state."""
-        experiment = Experiment.of(problem)
+        experiment = Experiment.of(problem, through_fmi=True)
         fit = experiment.fit_stages(self.start)[-1]
         return estimate_of(problem, fit, self.method)
 

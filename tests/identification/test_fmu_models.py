@@ -139,3 +139,64 @@ def test_black_box():
     assert box.variables["X1"].unit
     assert all(v.type is ScalarType.REAL for v in box.parameters)
     assert not box.residuals
+
+
+NONLINEAR = """model N input Real u; parameter Real k = 1; parameter Real c = 0.5;
+  output Real x(start = 0.2, fixed = true); Real f(start = 0.1);
+equation
+  der(x) = u - f; f + c * f ^ 3 = k * x;
+end N;"""
+RELAY = """model R input Real u; parameter Real T = 1; parameter Real low = -0.5;
+  output Real x(start = 0, fixed = true); Boolean on(start = true, fixed = true);
+equation
+  T * der(x) = u + (if on then 1 else -1) - x;
+  when x > 0.5 then on = false; elsewhen x < low then on = true; end when;
+end R;"""
+
+
+def test_nonlinear_equations_are_fitted_through_the_models_fmu(tmp_path):
+    (tmp_path / "n.mo").write_text(NONLINEAR)
+    model = Model.of(str(tmp_path / "n.mo"))
+    h, n = 0.02, 400
+    time = np.arange(n) * h
+    u = 1.5 * np.sin(1.3 * time) + np.sin(4.1 * time)
+    x, state = np.zeros(n), np.array([0.4])
+    for i in range(n):
+        x[i] = state[0]
+
+        def rhs(_, s, u=u[i]):
+            f = np.roots([0.9, 0, 1, -1.7 * s[0]])
+            return [u - float(f[np.argmin(np.abs(f.imag))].real)]
+
+        state = solve_ivp(rhs, (0, h), state, rtol=1e-9, atol=1e-11).y[:, -1]
+    noisy = x + 1e-3 * np.random.default_rng(3).standard_normal(n)
+    pd.DataFrame({"time": time, "u": u, "x": noisy}).to_csv(tmp_path / "n.csv", index=False)
+    found = identify(model, record(model, tmp_path / "n.csv")).estimate
+    for name, value in {"k": 1.7, "c": 0.9}.items():
+        parameter = found.parameters[name]
+        assert parameter.identifiable
+        assert parameter.value == pytest.approx(value, abs=5 * parameter.sd)
+        assert parameter.sd < 0.03
+
+
+def test_a_model_with_memory_is_compared_through_its_fmu(tmp_path):
+    (tmp_path / "r.mo").write_text(RELAY)
+    model = Model.of(str(tmp_path / "r.mo"))
+    h, n = 0.01, 300
+    time, x, on, state = np.arange(n) * h, np.zeros(n), True, 0.0
+    for i in range(n):
+        x[i] = state
+        left = h
+        while left > 0:
+            goal = 1.0 if on else -1.0
+            bound = 0.5 if on else -0.5
+            arrives = np.log((state - goal) / (bound - goal))
+            step = min(left, max(arrives, 0.0))
+            state = goal + (state - goal) * np.exp(-step)
+            if step < left:
+                on = not on
+            left -= step
+    noisy = x + 1e-3 * np.random.default_rng(4).standard_normal(n)
+    pd.DataFrame({"time": time, "u": 0.0, "x": noisy}).to_csv(tmp_path / "r.csv", index=False)
+    result = compare(model, record(model, tmp_path / "r.csv"), horizon="free")
+    assert result.comparison.channels["x"].rmse == pytest.approx(1e-3, rel=0.2)
