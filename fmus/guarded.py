@@ -23,7 +23,6 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import foundation.errors
@@ -31,6 +30,7 @@ from fmus.archive import check_archive, describe
 from fmus.cache import cache_folder
 from fmus.stepping import prepare
 from fmus.wire import Message, WireError, decode, encode
+from foundation.closing import Closing
 from foundation.errors import FmuError, TwinproofError
 
 _START = 60.0  # [s] for the child to be ready, on a busy machine
@@ -55,7 +55,7 @@ class Limits:
     runs: int = 200
 
 
-class Guard:
+class Guard(Closing):
     """A child process for foreign FMUs, started when first needed. One request at a time.
 
     Args:
@@ -71,17 +71,6 @@ class Guard:
         self._folder: Path | None = None
         self._runs = 0
         self._lock = threading.RLock()
-
-    def __enter__(self) -> Guard:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        self.close()
 
     @property
     def is_running(self) -> bool:
@@ -253,7 +242,7 @@ def ask(do: str, path: Path, *, guard: Guard | None = None, **arguments: Any) ->
     return (guard or _SHARED).request(do, str(path), path=str(path.resolve()), **arguments)
 
 
-class GuardedPlant:
+class GuardedPlant(Closing):
     """A `Plant` in a child process of its own, with the same methods.
 
     Args:
@@ -281,17 +270,6 @@ class GuardedPlant:
         except BaseException:
             self._guard.close()
             raise
-
-    def __enter__(self) -> GuardedPlant:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        self.close()
 
     def close(self) -> None:
         """End the child."""

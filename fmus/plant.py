@@ -7,7 +7,6 @@ import threading
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from types import TracebackType
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -20,6 +19,7 @@ from fmus.archive import FmuVariableInfo
 from fmus.co_simulation import communication_points, initialise, sampled
 from fmus.running import Fmu, Hold, Inputs, Simulation, checked_inputs, time_grid
 from fmus.stepping import Loop, UnitOf
+from foundation.closing import Closing
 from foundation.errors import FmuError, InputError, UnknownNameError
 from foundation.units import factor_and_offset
 
@@ -37,7 +37,7 @@ class SavedState:
         self.inputs = inputs
 
 
-class Plant:
+class Plant(Closing):
     """A Co-Simulation FMU, initialised and ready to be stepped. Use it in a `with` statement.
 
     It runs in this process; `fmus.guarded.open_plant` keeps a foreign one in a child process.
@@ -184,17 +184,6 @@ class Plant:
     def _new_loop(self) -> Loop:
         unit = self.unit(str(self.path))
         return Loop([unit], [-1 - column for column in range(len(self.inputs))])
-
-    def __enter__(self) -> Plant:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        self.close()
 
     def close(self) -> None:
         """Free the instance and what was extracted."""

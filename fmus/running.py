@@ -8,7 +8,6 @@ import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Literal, TypeAlias
 
 import fmpy
@@ -31,6 +30,7 @@ from fmus.model_exchange import run_model_exchange
 from fmus.package import cached_fmu
 from fmus.sources import ModelicaSource, find_source
 from fmus.stepping import can_step
+from foundation.closing import Closing
 from foundation.errors import FmuError, InputError, UnknownNameError
 
 Array: TypeAlias = npt.NDArray[np.float64]
@@ -63,7 +63,7 @@ class Simulation:
         return self.columns[name]
 
 
-class Fmu:
+class Fmu(Closing):
     """An FMU extracted once, to be run many times. Use it in a `with` statement.
 
     Its binary runs in this process: a foreign FMU can take it down. `simulate` and `open_plant`
@@ -102,17 +102,6 @@ class Fmu:
         except BaseException:
             self._folder.cleanup()
             raise
-
-    def __enter__(self) -> Fmu:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        self.close()
 
     def close(self) -> None:
         """Remove what was extracted."""

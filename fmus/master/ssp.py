@@ -12,7 +12,6 @@ import zipfile
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 from xml.sax.saxutils import quoteattr
 
@@ -23,12 +22,13 @@ from fmus.master.ssv import namespace, number, parsed, tag
 from fmus.master.system import System
 from fmus.plant import Value
 from fmus.running import Simulation
+from foundation.closing import Closing
 from foundation.errors import FmuError, UnsupportedModelError
 from foundation.files import written_whole
 
 
 @dataclass(frozen=True, eq=False)
-class OpenedSsp:
+class OpenedSsp(Closing):
     """A system read from an SSP, whose FMUs stand in a folder that is removed at the end.
 
     Attributes:
@@ -41,15 +41,8 @@ class OpenedSsp:
     defaults: Mapping[str, float]
     folder: tempfile.TemporaryDirectory[str]
 
-    def __enter__(self) -> OpenedSsp:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def close(self) -> None:
+        """Remove the folder."""
         self.folder.cleanup()
 
 

@@ -1,0 +1,35 @@
+"""What holds something that must be given back: files, processes, native instances."""
+
+from __future__ import annotations
+
+from types import TracebackType
+from typing import Self
+
+
+class Closing:
+    """Is closed at the end of a `with` statement.
+
+    Example:
+        >>> class Door(Closing):
+        ...     def close(self) -> None:
+        ...         print("closed")
+        >>> with Door():
+        ...     print("open")
+        open
+        closed
+    """
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Give back what is held; once more does nothing."""
+        raise NotImplementedError
