@@ -200,3 +200,33 @@ def test_a_model_with_memory_is_compared_through_its_fmu(tmp_path):
     pd.DataFrame({"time": time, "u": 0.0, "x": noisy}).to_csv(tmp_path / "r.csv", index=False)
     result = compare(model, record(model, tmp_path / "r.csv"), horizon="free")
     assert result.comparison.channels["x"].rmse == pytest.approx(1e-3, rel=0.2)
+
+
+BALL = """model A parameter Real c = 0.7; output Real h(start = 1, fixed = true);
+  Real v(start = 0, fixed = true);
+equation
+  der(h) = v; der(v) = -9.81;
+  when h < 0 then reinit(v, -c * pre(v)); end when;
+end A;"""
+
+
+@pytest.mark.parametrize("method", ["auto", "output-error"])
+def test_a_model_with_jumps_is_fitted_through_its_fmu(method, tmp_path):
+    (tmp_path / "a.mo").write_text(BALL)
+    model = Model.of(str(tmp_path / "a.mo"))
+    step, n = 0.005, 300
+    height, h, v = np.zeros(n), 1.0, 0.0
+    for i in range(n):
+        height[i] = h
+        falls = (v + np.sqrt(v * v + 2 * 9.81 * h)) / 9.81
+        if falls > step:
+            h, v = h + v * step - 4.905 * step**2, v - 9.81 * step
+        else:
+            rest, v = step - falls, 0.8 * (9.81 * falls - v)
+            h, v = v * rest - 4.905 * rest**2, v - 9.81 * rest
+    noisy = height + 1e-3 * np.random.default_rng(6).standard_normal(n)
+    pd.DataFrame({"time": np.arange(n) * step, "h": noisy}).to_csv(tmp_path / "a.csv", index=False)
+    found = identify(model, record(model, tmp_path / "a.csv"), method=method).estimate
+    c = found.parameters["c"]
+    assert c.value == pytest.approx(0.8, abs=max(5 * c.sd, 1e-3))
+    assert c.sd < 0.01
