@@ -125,7 +125,9 @@ def _explain(source: ModelicaSource, text: str) -> ModelicaError:
             f"{place}: {source.short_name} has {balance[1]} equations for {balance[2]} unknowns",
             remedy="connect every input, and give each variable exactly one equation",
         )
-    return ModelicaError(f"{place}: {message}")
+    is_unknown = message.startswith(("unresolved", "base class not found"))
+    remedy = "declare it, or name the folder of its library with --modelica-path"
+    return ModelicaError(f"{place}: {message}", remedy=remedy if is_unknown else "")
 
 
 def _first_diagnostic(text: str, file_name: str) -> tuple[str, str]:
