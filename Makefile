@@ -6,6 +6,7 @@
 #   make check                  format, lint, types
 #   make bench                  the full benchmarks
 #   make reproduce              the three published works' tables and figures, docs/reproduction
+#   make pages                  docs/benchmarks: the measured benchmarks; needs TWINPROOF_DATA
 #   make install PYTHON=python3.12
 
 PYTHON ?= python3
@@ -19,7 +20,7 @@ ARGS ?=
 export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: help install demo test check bench reproduce wheel lock clean distclean
+.PHONY: help install demo test check bench reproduce pages wheel lock clean distclean
 
 help:
 	@sed -n 's/^#   //p' Makefile
@@ -46,6 +47,9 @@ bench: $(STAMP)
 
 reproduce: $(STAMP)
 	@$(BIN)/python -m docs.reproduce $(ARGS)
+
+pages: $(STAMP)
+	@$(BIN)/python -m benchmarks.real_data $(ARGS)
 
 wheel: $(STAMP)
 	@bash scripts/try_wheel.sh "$(BIN)/python"

@@ -8,6 +8,9 @@ import sys
 NAMES = (
     "emps",
     "demo",
+    "dfki",
+    "silverbox",
+    "road_car",
     "hidden",
     "fmus",
     "running",

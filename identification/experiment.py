@@ -54,7 +54,10 @@ class Experiment:
         if isinstance(model, BlackBox):
             return cls(problem, FmuShooting(model, outputs, free))
         try:
-            return cls(problem, Shooting(model, outputs, free))
+            return cls(
+                problem,
+                Shooting(model, outputs, free, measured_inputs=problem.measured_inputs),
+            )
         except UnsupportedModelError:
             if not through_fmi:
                 raise

@@ -147,7 +147,7 @@ def linearise(
         samples += len(window)
         if np.max(np.abs(jacobian), initial=0.0) > _LARGEST:
             return _diverged(len(sd), ns)
-        flat = jacobian.reshape(-1, nx + ns)
+        flat = jacobian.reshape(r.size, nx + ns)
         gram, score = flat.T @ flat, flat.T @ r.ravel()
         weight, _ = _eliminate(gram, score, nx, 0.0)
         normal += gram[nx:, nx:] - gram[nx:, :nx] @ weight
@@ -230,7 +230,7 @@ def fit(
         The best point found. If even the start diverges, `at.cost` is infinite.
     """
     names = shooting.sensitive
-    chosen = np.array([name in (free if free is not None else names) for name in names])
+    chosen = np.array([name in (free if free is not None else names) for name in names], bool)
     low, high = _bounds(problem, names)
     sd = fixed_sd if fixed_sd is not None else weights(problem, np.std(problem.outputs, axis=0))
     point = _Point(dict(values), x0, linearise(problem, shooting, windows, x0, values, sd))
@@ -267,7 +267,7 @@ def _bounds(problem: Problem, names: Sequence[str]) -> tuple[Vector, Vector]:
     dae = problem.dae
     low = [dae.number(dae.variables[name].minimum, -np.inf) for name in names]
     high = [dae.number(dae.variables[name].maximum, np.inf) for name in names]
-    return np.array(low), np.array(high)
+    return np.array(low, float), np.array(high, float)
 
 
 def seen(at: Linearised) -> NDArrayBool:

@@ -9,7 +9,7 @@ their likelihood compares models and parameters where residuals of a simulation 
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -102,14 +102,22 @@ class InnovationFilter(Shooting):
         dae: The model.
         output_names: Measured variables.
         disturbances: Parameters of the model that vary as disturbances.
+        measured_inputs: Inputs that run in straight lines between samples; others hold.
 
     Raises:
         UnsupportedModelError: See `Shooting`.
         CompilerError: No C compiler.
     """
 
-    def __init__(self, dae: Dae, output_names: Sequence[str], disturbances: Sequence[str]) -> None:
-        super().__init__(dae, output_names, disturbances)
+    def __init__(
+        self,
+        dae: Dae,
+        output_names: Sequence[str],
+        disturbances: Sequence[str],
+        *,
+        measured_inputs: Collection[str] = (),
+    ) -> None:
+        super().__init__(dae, output_names, disturbances, measured_inputs=measured_inputs)
         self.library = _compiled(self.model, self.output_names, self.sensitive)
 
     def filter(
@@ -163,7 +171,7 @@ class InnovationFilter(Shooting):
             max(1, round(h / LONGEST_STEP)),
             ctypes.c_double(h),
             ctypes.c_double(0.0),
-            *(u, y, p0),
+            *(u, ctypes.c_void_p(self.ramps.ctypes.data), y, p0),
             len(p),
             ctypes.c_void_p(where.ctypes.data),
             *(phi, q, qx, r),

@@ -57,7 +57,12 @@ class Likelihood:
             problem: Its model has the disturbances as parameters, its free ones are estimated.
             disturbances: Their names.
         """
-        compiled = InnovationFilter(problem.dae, problem.output_names, disturbances)
+        compiled = InnovationFilter(
+            problem.dae,
+            problem.output_names,
+            disturbances,
+            measured_inputs=problem.measured_inputs,
+        )
         window = Window(0, len(problem.time))
         mean = guess_states(problem, compiled, (window,))[0]
         noise = noise_estimate(problem)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from fmus.dae import Dae, Role, ScalarType
 from foundation.errors import ChannelError, ExcitationError, UnknownNameError
 from recordings.recording import Recording
+from recordings.resample import Kind
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
@@ -32,6 +33,8 @@ class Problem:
         free: Names of the parameters to be fitted.
         values: Every independent parameter's starting value.
         notes: What was ignored or assumed while matching.
+        measured_inputs: Inputs that were measured, not commanded: between their samples they run in
+            straight lines, others hold.
     """
 
     dae: Dae
@@ -43,6 +46,7 @@ class Problem:
     free: tuple[str, ...]
     values: Mapping[str, float]
     notes: tuple[str, ...] = ()
+    measured_inputs: tuple[str, ...] = ()
 
     @property
     def sample_time(self) -> float:
@@ -146,4 +150,5 @@ def match(
         free=tuple(dict.fromkeys(free)) if free is not None else fitted_by_default(dae),
         values={**declared, **(values or {})},
         notes=uniform.notes,
+        measured_inputs=tuple(v.name for v in dae.inputs if uniform[v.name].kind is Kind.MEASURED),
     )

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import ctypes
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -59,6 +59,7 @@ class Shooting:
         dae: The model.
         output_names: Measured variables, in the order of the answer.
         sensitive: Parameters with respect to which sensitivities are wanted.
+        measured_inputs: Inputs that run in straight lines between samples; others hold.
         briefly: It will only be run once or twice: compile fast rather than well.
 
     Raises:
@@ -72,6 +73,7 @@ class Shooting:
         output_names: Sequence[str],
         sensitive: Sequence[str],
         *,
+        measured_inputs: Collection[str] = (),
         briefly: bool = False,
     ) -> None:
         self.dae = dae
@@ -83,6 +85,8 @@ class Shooting:
         _check_operands(self.model, self.sensitive)
         self.parameter_names = self.model.parameter_names
         self.nx = len(self.model.state_names)
+        names = [v.name for v in dae.inputs]
+        self.ramps = np.array([name in measured_inputs for name in names], dtype=np.int32)
 
     @cached_property
     def _library(self) -> ctypes.CDLL:
@@ -123,20 +127,32 @@ class Shooting:
         columns = [inputs]
         # A held input is a staircase; a delayed one is the straight lines through the middles of
         # its stairs, so that its derivative with respect to the duration exists. Lines through the
-        # samples would run ahead of the staircase by half a step, and the fit would add that.
+        # samples would run ahead of the staircase by half a step, and the fit would add that. (A
+        # measured input is the lines through its samples.)
         samples = np.arange(len(inputs), dtype=float)
         operands = _delay_operands(self.model)
         signals = np.asarray(operands(inputs.T, np.tile(p[:, None], len(inputs)))[0]).T
         durations = np.asarray(operands(np.zeros(inputs.shape[1]), p)[1]).ravel()
         for k, duration in enumerate(durations):
             signal = signals[:, k]
-            past = samples - 0.5 - duration / h
+            past = samples - (0.5 if self._stairs[k] else 0.0) - duration / h
             value = np.interp(past, samples, signal)
             slope = (
                 np.interp(past + 0.5, samples, signal) - np.interp(past - 0.5, samples, signal)
             ) / h
             columns.append(np.column_stack([value, slope, np.full(len(inputs), duration)]))
         return np.ascontiguousarray(np.column_stack(columns), dtype=float)
+
+    @cached_property
+    def _stairs(self) -> list[bool]:
+        """Whether the operand of each delay holds between samples."""
+        held = [
+            u for u, ramps in zip(ca.vertsplit(self.model.u), self.ramps, strict=True) if not ramps
+        ]
+        return [
+            bool(held) and bool(ca.depends_on(self.model.fold(d.operand), ca.vertcat(*held)))
+            for d in self.dae.delays
+        ]
 
     def run(
         self,
@@ -169,6 +185,7 @@ class Shooting:
             ctypes.c_double(t0),
             _pointer(x0),
             _pointer(inputs),
+            ctypes.c_void_p(self.ramps.ctypes.data),
             _pointer(p),
             int(sensitivities),
             _pointer(y),

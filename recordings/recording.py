@@ -48,14 +48,15 @@ class Channel:
         values: Shape (n,), in `unit`; read-only.
         unit: As Modelica writes it (`rad/s`, `N.m`); empty where nobody said.
         sensor: What is known of its instrument.
-        kind: What happens between its samples.
+        kind: What happens between its samples; None: nobody said. Such a signal is interpolated
+            like a measured one, but drives a model like a command.
     """
 
     name: str
     values: NDArray[np.float64]
     unit: str = ""
     sensor: Sensor = field(default_factory=Sensor)
-    kind: Kind = Kind.MEASURED
+    kind: Kind | None = None
 
     def __post_init__(self) -> None:
         values = _read_only(self.values)
@@ -224,7 +225,8 @@ class Recording:
             )
         grid = np.linspace(self.time[0], self.time[-1], round(self.duration / median) + 1)
         values = {
-            n: resample(self.time, c.values, grid, c.kind).values for n, c in self.channels.items()
+            n: resample(self.time, c.values, grid, c.kind or Kind.MEASURED).values
+            for n, c in self.channels.items()
         }
         note = f"interpolated linearly from uneven steps to equal ones of {grid[1] - grid[0]:.6g} s"
         return self._resampled(grid, values).with_notes(note)

@@ -95,7 +95,7 @@ class Signals:
         if recording.raw is not None:
             return recording.raw
         samples = {
-            name: Samples(name, recording.time, c.values, c.unit, c.sensor, c.kind)
+            name: Samples(name, recording.time, c.values, c.unit, c.sensor, c.kind or Kind.MEASURED)
             for name, c in recording.channels.items()
         }
         return Signals(samples, recording.origin, recording.notes)

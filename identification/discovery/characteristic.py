@@ -90,7 +90,8 @@ def characteristic(
         base: The user's model, if the effect is defined in its text or its libraries.
 
     Raises:
-        UnsupportedModelError: The effect has a memory (a lag, a delay), so it is no curve.
+        UnsupportedModelError: The effect has a memory (a lag, a delay) or further inputs, so it is
+            no curve.
 
     Example:
         >>> from identification.discovery.effects import find_effects
@@ -135,6 +136,12 @@ class _Law:
 
 @lru_cache(maxsize=64)
 def _law(effect: Effect, base: ModelicaSource | None) -> _Law:
+    if effect.companions:
+        raise UnsupportedModelError(
+            f"{effect.name} depends on {', '.join(effect.companions)} too: it is no curve over one "
+            "variable",
+            remedy="look at the error against time instead",
+        )
     dae = load(_host(effect, base))
     model = explicit(dae)
     variables = VARIABLES[effect.kind]

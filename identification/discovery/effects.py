@@ -26,7 +26,7 @@ _KINDS = {
 _EMPIRICAL = ("RotationalEmpirical", "TranslationalEmpirical")
 _TOKEN = re.compile(
     r"\b(end)\s+(\w+)\s*;|\b(partial\s+)?(package|model|block)\s+(\w+)\b(?!\s*=)"
-    r"|\bextends\s+\.?([\w.]+)"
+    r"|\bextends\s+\.?([\w.]+)|\bRealInput\s+(\w+)"
 )
 _DESCRIPTION = re.compile(r'\s*"((?:[^"\\]|\\.)*)"')
 _COMMENT_OR_STRING = re.compile(r'"(?:[^"\\]|\\.)*"|//[^\n]*|/\*.*?\*/', re.DOTALL)
@@ -57,6 +57,7 @@ class Effect:
         jumps: It changes discrete variables or states at events.
         unit: Of the signals that it is for; empty for any, and for effects on flanges.
         empirical: A curve drawn from data, which has no name in physics and is not searched for.
+        companions: Further inputs: each gets the model's input of the same name.
     """
 
     class_name: str
@@ -69,6 +70,7 @@ class Effect:
     jumps: bool = False
     unit: str = ""
     empirical: bool = False
+    companions: tuple[str, ...] = ()
 
     @property
     def name(self) -> str:
@@ -126,7 +128,14 @@ def find_effects(source: ModelicaSource | None = None) -> tuple[Effect, ...]:
         for one in classes:
             base = None if one.partial else _base_of(one, every, _KINDS)
             if base is not None:
-                effect = _read(one.name, one.description, _KINDS[base], where, defined_in)
+                effect = _read(
+                    one.name,
+                    one.description,
+                    _KINDS[base],
+                    where,
+                    defined_in,
+                    tuple(one.inputs),
+                )
                 kind = effect.kind
                 if _base_of(one, every, _EMPIRICAL) is not None:
                     effect = replace(effect, empirical=True)
@@ -155,12 +164,13 @@ def resolve(name: str, kind: str, effects: tuple[Effect, ...]) -> Effect:
 
 @dataclass(frozen=True)
 class _Class:
-    """A class in a Modelica text: its full name, its one line, and what it extends, as written."""
+    """A class in a Modelica text: its full name, its one line, what it extends, its inputs."""
 
     name: str
     description: str
     partial: bool
     bases: list[str]
+    inputs: list[str]
 
 
 def _classes_of_library(root: Path) -> tuple[_Class, ...]:
@@ -176,16 +186,18 @@ def _classes_in(text: str, prefix: str) -> Iterator[_Class]:
     plain = _COMMENT_OR_STRING.sub(lambda m: " " * len(m[0]), text)
     scopes: list[_Class] = []
     for token in _TOKEN.finditer(plain):
-        end, ended, partial, _, begun, base = token.groups()
+        end, ended, partial, _, begun, base, signal = token.groups()
         if end:
             if scopes and scopes[-1].name.rpartition(".")[2] == ended:
                 yield scopes.pop()
         elif begun:
             outer = f"{scopes[-1].name}." if scopes else prefix
             words = _DESCRIPTION.match(text, token.end())
-            scopes.append(_Class(outer + begun, words[1] if words else "", bool(partial), []))
+            scopes.append(_Class(outer + begun, words[1] if words else "", bool(partial), [], []))
         elif base and scopes:
             scopes[-1].bases.append(base)
+        elif signal and scopes:
+            scopes[-1].inputs.append(signal)
 
 
 def _base_of(one: _Class, classes: Sequence[_Class], wanted: Collection[str]) -> str | None:
@@ -205,9 +217,19 @@ def _base_of(one: _Class, classes: Sequence[_Class], wanted: Collection[str]) ->
 
 @lru_cache(maxsize=512)
 def _read(
-    class_name: str, description: str, kind: str, roots: tuple[Path, ...], text: str
+    class_name: str,
+    description: str,
+    kind: str,
+    roots: tuple[Path, ...],
+    text: str,
+    companions: tuple[str, ...],
 ) -> Effect:
-    host = f"model EffectHost\n  {class_name} effect;\n  {_HOST[kind]}\nend EffectHost;\n"
+    further = "".join(f"Twinproof.Interfaces.RealInput given_{name}; " for name in companions)
+    given = "".join(f" effect.{name} = given_{name};" for name in companions)
+    host = (
+        f"model EffectHost\n  {class_name} effect;\n  {further}{_HOST[kind]}{given}\n"
+        "end EffectHost;\n"
+    )
     source = ModelicaSource(f"{text}\n{host}", "EffectHost", f"{class_name}.mo", class_name, roots)
     dae = load(source)
     parameters = tuple(
@@ -229,6 +251,7 @@ def _read(
         len(dae.states) - (0 if kind == "signal" else 2),
         bool(dae.when_equations or dae.reinits),
         _unit(dae),
+        companions=companions,
     )
 
 

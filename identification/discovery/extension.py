@@ -141,6 +141,10 @@ def parse_addition(text: str, source: ModelicaSource) -> Addition:
         raise UnknownNameError("place", place_name, by_name, where=f"--add {text}")
     place = by_name[place_name]
     effect = resolve(effect_name, place.kind, find_effects(source))
+    inputs = [p.name for p in there if p.kind == "input" and p.name != place.name]
+    for name in effect.companions:
+        if name not in inputs:
+            raise UnknownNameError("input", name, inputs, where=f"--add {text}")
     values: dict[str, float] = {}
     known = [p.name for p in effect.parameters]
     for setting in settings:
@@ -261,6 +265,7 @@ def _write_extension(
     if additions:
         lines.append("equation\n")
         lines += [f"  connect({a.instance}.flange, {a.place.connector});\n" for a in additions]
+        lines += _companions(additions)
     lines.append(f"end {name};\n")
     return "".join(lines)
 
@@ -301,6 +306,7 @@ def _write_wrapper(
     lines += [_declare_signal("RealOutput", v) for v in dae.outputs]
     lines.append("equation\n")
     lines += [f"  connect({a.instance}.flange, plant.{a.place.connector});\n" for a in bare]
+    lines += _companions((*bare, *series))
     for v in dae.inputs:
         chain = _chain(series, v.name)
         stations = [v.name, *(f"{a.instance}" for a in chain), f"plant.{v.name}"]
@@ -330,6 +336,11 @@ def _connect_chain(stations: Sequence[str]) -> list[str]:
     ends = [stations[0], *(part for b in blocks for part in (f"{b}.u", f"{b}.y")), stations[-1]]
     # Equations, not connections: a user's plant may declare its signals as plain Reals.
     return [f"  {to} = {frm};\n" for frm, to in zip(ends[::2], ends[1::2], strict=True)]
+
+
+def _companions(additions: Sequence[Addition]) -> list[str]:
+    """Return the equations that give effects the model's inputs that they ask for by name."""
+    return [f"  {a.instance}.{name} = {name};\n" for a in additions for name in a.effect.companions]
 
 
 def _declare_parameter(v: Variable, value: float) -> str:

@@ -61,11 +61,13 @@ def candidates(source: ModelicaSource, measured: Sequence[str]) -> tuple[Additio
     An output that is not recorded cannot show a sensor's effect.
     """
     effects = find_effects(source)
+    there = places(source)
+    inputs = {place.name for place in there if place.kind == "input"}
     return tuple(
         addition_at(source, effect, place)
-        for place in places(source)
+        for place in there
         for effect in effects
-        if _fits(place, effect, measured)
+        if _fits(place, effect, measured) and inputs - {place.name} >= set(effect.companions)
     )
 
 
@@ -133,7 +135,13 @@ def score_group(
     base_names = {flat_name(whole, model, name): name for name in fit.free if name not in fit.held}
     sensitive = [*base_names, *(name for _, names in mains for name in names)]
     whole_problem = transfer_problem(problem, whole, fit.values, model)
-    shooting = Shooting(whole.dae, problem.output_names, sensitive, briefly=True)
+    shooting = Shooting(
+        whole.dae,
+        problem.output_names,
+        sensitive,
+        measured_inputs=problem.measured_inputs,
+        briefly=True,
+    )
     windows = experiment.windows
     x0 = transfer_states(whole_problem, shooting, whole, windows, experiment, model, fit.x0)
     at = linearise(whole_problem, shooting, windows, x0, whole_problem.values, fit.sd)

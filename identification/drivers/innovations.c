@@ -13,7 +13,8 @@ enum { NZ = NX + NS };
    NaN is skipped (v = 0, s = 1). track (n x NZ), spread (n x NZ): filtered means and variances; either
    may be null. Returns the number of samples with finite state. */
 __attribute__((visibility("default")))
-int twinproof_innovations(int n, int substeps, double h, double t0, const double *u, const double *ym,
+int twinproof_innovations(int n, int substeps, double h, double t0, const double *u, const int *ramps,
+                          const double *ym,
                           const double *p0, int np, const int *where, const double *phi,
                           const double *q, const double *qx, const double *r, double *z, double *P,
                           double *v, double *s, double *track, double *spread, double *p) {
@@ -70,7 +71,7 @@ int twinproof_innovations(int n, int substeps, double h, double t0, const double
       double from = (double)m / substeps, to = (double)(m + 1) / substeps, ts = t + m * hs;
       double ua[NU + 1], ub[NU + 1];
       for (i = 0; i < NU; i++) {
-        double ramp = i < NU - ND ? 0 : un[i] - uk[i];
+        double ramp = i < NU - ND && !ramps[i] ? 0 : un[i] - uk[i];
         ua[i] = uk[i] + from * ramp;
         ub[i] = uk[i] + to * ramp;
       }

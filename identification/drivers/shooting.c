@@ -4,10 +4,11 @@
 #include <string.h>
 enum { NC = NX + NS };
 /* One window of n samples: y and dy/d(x0, s) at every sample. sensitive = 0: no sensitivities.
-   The input is held over a sample interval, the delayed signals (the last ND columns) run
-   linearly between samples. Returns the number of samples with finite state. */
+   An input is held over a sample interval where ramps[] is 0; the others and the delayed signals
+   (the last ND columns) run linearly between samples. Returns the number of samples with finite state. */
 __attribute__((visibility("default")))
 int twinproof_shoot(int n, int substeps, double h, double t0, const double *x0, const double *u,
+                    const int *ramps,
                     const double *p, int sensitive, double *y, double *dy) {
   double x[NX + 1], xn[NX + 1], a[NX * NX + 1], b[NX * NS + 1], c[NY * NX + 1], d[NY * NS + 1];
   double s[NX * NC + 1], sn[NX * NC + 1], us[NU + 1], t, hs = h / substeps;
@@ -40,7 +41,7 @@ int twinproof_shoot(int n, int substeps, double h, double t0, const double *x0, 
     for (m = 0; m < substeps; m++) {
       double from = (double)m / substeps, to = (double)(m + 1) / substeps, uf[NU + 1];
       for (i = 0; i < NU; i++) {
-        double ramp = i < NU - ND ? 0 : un[i] - uk[i];
+        double ramp = i < NU - ND && !ramps[i] ? 0 : un[i] - uk[i];
         us[i] = uk[i] + from * ramp;
         uf[i] = uk[i] + to * ramp;
       }

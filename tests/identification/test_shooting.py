@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import truth_records as truth
+from scipy.integrate import solve_ivp
 
 from fmus.frontend import load
 from foundation.errors import UnsupportedModelError
@@ -198,6 +199,34 @@ def test_a_delayed_input_agrees_with_dop853(delay):
     resolution = np.abs(half - states).max(axis=0)
     error = np.abs(response.outputs - states).max(axis=0)
     assert np.all(error < 0.05 * resolution), error / resolution
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.013])
+def test_a_measured_input_runs_in_straight_lines(delay):
+    """Unlike a command, also through a delay: a coarse record of a smooth torque is not a stair."""
+    step = 10e-3
+    inputs = truth.swing(150, step)
+    model = extend(
+        truth.library("Pendulum"), [parse_addition("Delay@tau", truth.library("Pendulum"))]
+    )
+    s = Shooting(model.dae, ("theta", "omega"), (), measured_inputs=["tau"])
+    values = declared(s, **{"delay_tau.T": delay})
+    found = run(s, [0.4, -0.5], inputs, values, step).outputs
+    time = step * np.arange(len(inputs))
+    J, mgl, d = (values[f"{name}"] for name in ("J", "mgl", "d"))
+
+    def rates(t, x):
+        tau = np.interp(t - delay, time, inputs)
+        return [x[1], (tau - mgl * np.sin(x[0]) - d * x[1]) / J]
+
+    solved = solve_ivp(
+        rates, (0, time[-1]), [0.4, -0.5], "DOP853", time, rtol=1e-10, atol=1e-12, max_step=step / 2
+    )
+    stairs = run(Shooting(model.dae, ("theta", "omega"), ()), [0.4, -0.5], inputs, values, step)
+    error = np.abs(found - solved.y.T).max(axis=0)
+    # A delayed line is again a line between samples, which cuts its corners.
+    assert np.all(error < (1e-6 if delay == 0 else 2e-3))
+    assert np.all(error < 0.15 * np.abs(stairs.outputs - solved.y.T).max(axis=0))
 
 
 def test_a_window_that_diverges_says_where():

@@ -1,0 +1,1 @@
+"""The main job on public measured data, as a user would do it: models, channel maps, pages."""
