@@ -18,6 +18,7 @@ NAMES = (
     "pole_placement",
     "furuta",
     "wheeled_pendulum",
+    "hil",
 )
 
 

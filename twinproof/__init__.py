@@ -10,6 +10,10 @@ Example:
 from __future__ import annotations
 
 from foundation.errors import TwinproofError
+from hil.rig import HilResult, run_scenario
+from hil.scenario import Scenario, read_scenario
+from hil.study import Study, read_study
+from hil.whatif import StudyResult, run_study
 from identification import calibration
 from identification.comparison import Comparison
 from identification.discovery.diagnosis import Diagnosis, Outcome
@@ -24,12 +28,16 @@ __all__ = [
     "Comparison",
     "Diagnosis",
     "Estimate",
+    "HilResult",
     "Improvement",
     "Model",
     "Outcome",
     "ParameterEstimate",
     "Recording",
+    "Scenario",
     "Sensor",
+    "Study",
+    "StudyResult",
     "TwinproofError",
     "calibration",
     "compare",
@@ -38,4 +46,8 @@ __all__ = [
     "identify",
     "improve",
     "read_recording",
+    "read_scenario",
+    "read_study",
+    "run_scenario",
+    "run_study",
 ]
