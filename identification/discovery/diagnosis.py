@@ -173,6 +173,8 @@ def _by_output_error(
     progress("scoring every effect at every place")
     scanned = scan(model, experiment, fit)
     shortlist = [s for s in scanned.scored[:SHORTLIST] if s.gain > 0]
+    # What shows only when it is large is tried from several sizes instead.
+    shortlist += [s for s in scanned.scored if s.unseen and s.addition.place.kind != "output"]
     progress(f"refitting the best {len(shortlist)} of {len(scanned.scored)}")
     refits, failed = refit_all(model, experiment, fit, shortlist)
     noise = noise_estimate(experiment.problem)

@@ -20,8 +20,9 @@ from identification.problem import Matrix, Vector
 _WORKERS = 2
 _ROUNDING = 1e-9
 # A parameter that cannot start at its neutral value (a bound, or a flat cost) starts from these
-# shares of its nominal value instead.
-_STARTS = (0.1, 0.5, 1.0)
+# shares of its nominal value instead, the best of them after a few steps going on.
+_STARTS = (0.1, 0.5, 1.0, 3.0, 10.0, 30.0)
+_FIRST_STEPS, _STEPS = 4, 30
 # A shape that ended at its bound was not found in the record: such a candidate has stretched into
 # another one (a Stribeck curve as wide as the whole speed range is dry friction), and stands back
 # behind any candidate with at least this share of its merit.
@@ -138,8 +139,11 @@ def refit(model: ExtendedModel, experiment: Experiment, base: Fit, scored: Score
     x0 = transfer_states(
         problem, larger.shooting, bigger, experiment.windows, experiment, model, base.x0
     )
-    fits = [_fit_from(larger, x0, start) for start in starts]
-    best = min(fits, key=lambda f: f.at.cost)
+    if len(starts) > 1:
+        tried = [_fit_from(larger, x0, start, iterations=_FIRST_STEPS) for start in starts]
+        gains = [float(np.sum(log_gain(base, found)[0])) for found in tried]
+        starts = [starts[int(np.argmax(gains))]]
+    best = _fit_from(larger, x0, starts[0])
     if float(np.sum(log_gain(base, best)[0])) < 0:
         # The predicted step overshot (an absent effect would have done better): come from nearer.
         smaller = [{k: 0.1 * v for k, v in start.items()} for start in starts]
@@ -178,9 +182,12 @@ def _at_bound(model: ExtendedModel, addition: Addition, parameter: str, value: f
     return not low + 1e-6 * abs(low) < value < high - 1e-6 * abs(high)
 
 
-def _fit_from(larger: Experiment, x0: Matrix, start: dict[str, float]) -> Fit:
+def _fit_from(
+    larger: Experiment, x0: Matrix, start: dict[str, float], *, iterations: int = _STEPS
+) -> Fit:
     values = {**larger.problem.values, **start}
-    return fit(larger.problem, larger.shooting, larger.windows, x0, values)
+    problem, windows = larger.problem, larger.windows
+    return fit(problem, larger.shooting, windows, x0, values, iterations=iterations)
 
 
 def log_gain(base: Fit, better: Fit) -> tuple[Vector, float]:

@@ -10,8 +10,8 @@ lacks nothing.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,10 +27,9 @@ from identification.experiment import Experiment
 from identification.gauss_newton import Fit
 from identification.gauss_newton import fit as fit_windows
 from identification.innovations import disturbed_values, with_input_disturbances
-from identification.likelihood import Likelihood, Maximum, expand, maximise
+from identification.likelihood import Likelihood, Maximum, expand, left_out, maximise
 from identification.problem import Problem, Vector
 
-_WORKERS = 2
 _DIFFERENCE = 1e-5
 _SHARE_OF_NOMINAL = 1e-4
 _DISTINCT = 1e-7
@@ -235,26 +234,12 @@ def _unseen(model: ExtendedModel, problem: Problem, base: Maximum, second: Secon
     large, _ = _likelihood(
         second.model, model, problem, base, second.addition, second.addition.values
     )
-    n = len(problem.time)
-    edges = np.linspace(0, n, _BLOCKS + 1).astype(int)
-
-    def gain(block: int) -> float:
-        part = slice(edges[block], edges[block + 1])
-        return _left_out(large, second.maximum, part) - _left_out(small, base, part)
-
-    with ThreadPoolExecutor(_WORKERS) as pool:
-        return np.array(list(pool.map(gain, range(_BLOCKS))))
-
-
-def _left_out(likelihood: Likelihood, at: Maximum, part: slice) -> float:
-    """Return the log-likelihood of a block, with parameters from the rest of the record."""
-    hidden = likelihood.problem.outputs.copy()
-    hidden[part] = np.nan
-    rest = replace(likelihood, problem=replace(likelihood.problem, outputs=hidden))
-    fitted = maximise(rest, at.values, at.disturbances, iterations=3)
-    run = likelihood.run(fitted.values, fitted.disturbances)
-    terms = run.innovations[part] ** 2 / run.variances[part] + np.log(run.variances[part])
-    return float(-0.5 * np.sum(terms))
+    edges = np.linspace(0, len(problem.time), _BLOCKS + 1).astype(int)
+    blocks = [slice(a, b) for a, b in itertools.pairwise(edges)]
+    at = second.maximum
+    return left_out(large, at.values, at.disturbances, blocks) - left_out(
+        small, base.values, base.disturbances, blocks
+    )
 
 
 def adopt(

@@ -40,11 +40,14 @@ class Scored:
         addition: Effect and place.
         gain: Predicted fall of the cost Σ(residual/sd)².
         values: Predicted main parameters.
+        unseen: It is not noticed until it is large, such as a limit: its slope at nothing is zero,
+            and the score test cannot say anything.
     """
 
     addition: Addition
     gain: float
     values: Mapping[str, float]
+    unseen: bool = False
 
 
 @dataclass(frozen=True)
@@ -145,10 +148,10 @@ def score_group(
     windows = experiment.windows
     x0 = transfer_states(whole_problem, shooting, whole, windows, experiment, model, fit.x0)
     at = linearise(whole_problem, shooting, windows, x0, whole_problem.values, fit.sd)
-    return [
-        _score(whole_problem, at, len(base_names), sensitive, addition, names)
-        for addition, names in mains
-    ]
+    scores: list[Scored] = []
+    for addition, names in mains:
+        scores.append(_score(whole_problem, at, len(base_names), sensitive, addition, names))
+    return scores
 
 
 def _testable(wanted: Sequence[Addition]) -> tuple[list[Addition], dict[str, str]]:
@@ -199,6 +202,8 @@ def _score(
     information = at.normal[np.ix_(mine, mine)] - cross @ inverse @ cross.T
     score = gradient[mine] - cross @ inverse @ gradient[base]
     raw = at.raw[mine]
+    if np.all(raw <= 0):
+        return Scored(addition, 0.0, dict.fromkeys(names, 0.0), unseen=True)
     if np.any(raw <= 0) or np.any(np.diag(information) < _DISTINCT * raw):
         return Scored(addition, 0.0, dict.fromkeys(names, 0.0))
     step = np.linalg.lstsq(information, score, rcond=1e-12)[0]
