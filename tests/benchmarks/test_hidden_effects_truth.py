@@ -60,7 +60,8 @@ def test_equations_are_those_of_the_modelica_class(name):
     plant = PLANTS[name]
     library = plant.model.startswith("Twinproof.")
     source = find_source(plant.model if library else f"{MODELS / plant.model}.mo:{plant.model}")
-    start = np.array([0.2, -0.15, 0.7, -0.4])[: plant.states]
+    # Slow at first, so that rounded dry friction is felt.
+    start = np.array([0.2, -0.15, -0.05, -0.4])[: plant.states]
     command, count = 0.4 * plant.command_scale, 50
     begins = {f"{state}_start": v for state, v in zip(STATES[name], start, strict=True)}
     with Plant(cached_fmu(source), parameters={**plant.parameters, **begins}) as fmu:
