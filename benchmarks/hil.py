@@ -153,7 +153,7 @@ def _speed() -> Iterator[Figure]:
 
 def _workers(folder: Path) -> Iterator[Figure]:
     """One worker and two on the same study, without the time in which workers start."""
-    text = (EXAMPLES / "robust.toml").read_text().replace("draws = 20", "draws = 60")
+    text = (EXAMPLES / "robust.toml").read_text().replace("draws = 20", "draws = 30")
     text = text.replace("duration = 5.0", "duration = 20.0")
     seconds: list[float] = []
     for workers in (1, 2):

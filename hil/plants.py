@@ -142,7 +142,7 @@ def plant_of(table: Table, roots: tuple[Path, ...] = ()) -> PlantSettings:
         raise InputError(
             "no model", where=table.where("model"), remedy='write model = "Twinproof.Plants.…"'
         )
-    model = _from_here(word, table)
+    model = from_here(word, table)
     fmu = model_fmu(model, roots)
     described = describe(fmu)
     fit: Fit | None = None
@@ -176,7 +176,7 @@ def _known(names: Mapping[str, float], described: FmuDescription, where: str) ->
             raise UnknownNameError("parameter", name, known, where=where)
 
 
-def _from_here(word: str, table: Table) -> str:
+def from_here(word: str, table: Table) -> str:
     """Return a MODEL whose file stands beside the settings, as seen from where we are."""
     file, colon, name = word.partition(":")
     if file.endswith((".mo", ".fmu")) and table.file(file).exists():

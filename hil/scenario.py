@@ -49,7 +49,7 @@ from hil.criteria import CRITERIA, Criterion
 from hil.faults import FAULTS, Fault, FrameFault, SignalFault
 from hil.linear import linear_model
 from hil.loop import LoopSettings
-from hil.plants import PlantSettings, plant_of
+from hil.plants import PlantSettings, from_here, plant_of
 from hil.process import ProcessSettings
 from hil.settings import Table, build, number, read_toml, unit
 from hil.waveforms import Waveform, waveform_of
@@ -235,7 +235,7 @@ def controller_of(
             if name not in known:
                 raise UnknownNameError(key, str(name), known, where=rest.where(key))
     if kind == "fmu" and isinstance(rest.values.get("model"), str):
-        rest = _with_model_from_here(rest)
+        rest = rest.with_value("model", from_here(str(rest.values["model"]), rest))
     point = table.sub("operating_point")
     values = {n: number(v, plant.unit(n), point.where(n)) for n, v in point.values.items()}
 
@@ -247,15 +247,6 @@ def controller_of(
         return controller
 
     return make, None
-
-
-def _with_model_from_here(table: Table) -> Table:
-    word = str(table.values["model"])
-    file, colon, name = word.partition(":")
-    if not table.file(file).exists():
-        return table
-    values = {**table.values, "model": f"{table.file(file)}{colon}{name}"}
-    return Table(values, table.name, table.path, table.text)
 
 
 def criterion_of(

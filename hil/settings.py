@@ -102,6 +102,10 @@ class Table:
             self, values={k: v for k, v in self.values.items() if k not in keys}
         )
 
+    def with_value(self, key: str, value: Any) -> Table:
+        """Return the table with another value of a key."""
+        return dataclasses.replace(self, values={**self.values, key: value})
+
     def only(self, known: Sequence[str]) -> None:
         """Refuse keys that are not known.
 

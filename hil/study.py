@@ -51,7 +51,7 @@ from foundation.errors import InputError, TwinproofError, UnknownNameError, Unsu
 from hil.controllers import Controller
 from hil.criteria import Criterion, Deadlines, MissedFrames, SafeState, Verdict
 from hil.margins import Margins
-from hil.plants import PlantSettings, plant_of
+from hil.plants import PlantSettings, from_here, plant_of
 from hil.scenario import controller_of, criterion_of
 from hil.settings import Table, build, number, read_toml, unit
 from hil.waveforms import Waveform, waveform_of
@@ -417,12 +417,14 @@ def _key(study: Study) -> str:
     if fit is not None:
         digest.update(repr(sorted(fit.values.items())).encode() + fit.covariance.tobytes())
     for table in study.controllers.values():
-        if table.values.get("kind") == "fmu":
-            digest.update(model_fmu(_controller_model(table)).read_bytes())
+        fmu = controller_fmu(table)
+        if fmu is not None:
+            digest.update(Path(fmu).read_bytes())
     return digest.hexdigest()[:32]
 
 
-def _controller_model(table: Table) -> str:
-    word = str(table.values["model"])
-    file, colon, name = word.partition(":")
-    return f"{table.file(file)}{colon}{name}" if table.file(file).exists() else word
+def controller_fmu(table: Table) -> str | None:
+    """Return the FMU file of a controller that is one; of Modelica, one in the cache."""
+    if table.values.get("kind") != "fmu":
+        return None
+    return str(model_fmu(from_here(str(table.values["model"]), table)))

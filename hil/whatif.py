@@ -26,7 +26,7 @@ from hil.controllers import Controller, FmuController
 from hil.criteria import Evidence, Verdict
 from hil.linear import linearised
 from hil.margins import Margins, margins
-from hil.study import Case, Study, Variant
+from hil.study import Case, Study, Variant, controller_fmu
 
 _BATCH_SECONDS = 2.0  # of simulated time per batch: hundreds [s] are a moment of work
 _BATCH = 8
@@ -267,7 +267,28 @@ class Parcel:
         places = {name: _kept(content) for name, content in self.fmus.items()}
         variants = tuple(Variant(v.name, places[str(v.fmu)]) for v in self.study.variants)
         plant = replace(self.study.plant, fmu=places[str(self.study.plant.fmu)])
-        return replace(self.study, variants=variants, plant=plant)
+        controllers = {
+            name: table
+            if (fmu := controller_fmu(table)) is None
+            else table.with_value("model", str(places[fmu]))
+            for name, table in self.study.controllers.items()
+        }
+        return replace(self.study, variants=variants, plant=plant, controllers=controllers)
+
+
+def _parcel(study: Study) -> Parcel:
+    """Make every FMU that a study needs, and pack it."""
+    made = {
+        name: table.with_value("model", str(fmu))
+        if (fmu := controller_fmu(table)) is not None
+        else table
+        for name, table in study.controllers.items()
+    }
+    files = [v.fmu for v in study.variants]
+    files += [Path(fmu) for table in made.values() if (fmu := controller_fmu(table)) is not None]
+    return Parcel(
+        replace(study, controllers=made), {str(file): file.read_bytes() for file in files}
+    )
 
 
 def _kept(content: bytes) -> Path:
@@ -383,8 +404,7 @@ def _batches(
     """Yield results as they come."""
     if not cases:
         return
-    fmus = {str(v.fmu): v.fmu.read_bytes() for v in study.variants}
-    parcel = Parcel(study, fmus)
+    parcel = _parcel(study)
     # A controller's runs stand together: all of a worker's batches find it open.
     size = max(1, min(_BATCH, len(cases) // (4 * (workers or os.cpu_count() or 1)) or 1))
     parts = [cases[k : k + size] for k in range(0, len(cases), size)]

@@ -7,11 +7,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar
 
+import numpy as np
+
 from fmus.guarded import open_plant
 from fmus.running import model_fmu
-from foundation.errors import UnknownNameError
+from foundation.errors import ModelError, UnknownNameError
 from hil.bus.dbc import REFERENCE
-from hil.controllers.base import Controller
+from hil.controllers.base import Controller, Transfer
+from hil.linear import Linear, linearised
 
 
 @dataclass(kw_only=True)
@@ -48,6 +51,7 @@ class FmuController(Controller):
                 )
         self._follows = [f"{name}{REFERENCE}" for name in self.measured]
         self._follows = [n if n in self._plant.inputs else "" for n in self._follows]
+        self._linear: Linear | None = None
 
     def start(self) -> None:
         """Reset the FMU."""
@@ -56,6 +60,26 @@ class FmuController(Controller):
     def close(self) -> None:
         """Free the FMU."""
         self._plant.close()
+
+    def transfer(self, z: Transfer) -> Transfer | None:
+        """K(z) from the FMU's directional derivatives where it starts, its inputs held.
+
+        None for an FMU that does not provide them, or whose law is sampled inside.
+        """
+        if self._linear is None:
+            self.start()
+            try:
+                self._linear = linearised(self._plant, self.commanded)
+            except ModelError:
+                return None
+        linear = self._linear
+        columns = [linear.inputs.index(name) for name in self.measured]
+        D = linear.D[:, columns]
+        if not linear.states and not np.any(D):
+            return None
+        A, B = linear.sampled(self.period)
+        inner = np.linalg.solve(z[:, np.newaxis, np.newaxis] * np.eye(len(A)) - A, B[:, columns])
+        return np.asarray(linear.C @ inner + D, np.complex128)
 
     def step(self, time: float, y: Sequence[float], r: Sequence[float]) -> tuple[float, ...]:
         """Return the commands."""

@@ -14,6 +14,7 @@ from scipy import stats
 from fmus.package import cached_fmu
 from fmus.sources import library_class
 from foundation.errors import InputError
+from hil import whatif
 from hil.closed_loop import ClosedLoop, Signals
 from hil.controllers import PID, FmuController, Incremental, StateFeedback
 from hil.linear import linear_model
@@ -408,6 +409,37 @@ def test_command_writes_document_and_report(tmp_path):
 def test_no_scheduler(tmp_path):
     with pytest.raises(InputError, match=r"scheduler does not answer.*tcp://"):
         run_study(study(path=tmp_path / "s.toml"), scheduler="nowhere:1")
+
+
+def test_a_study_of_an_fmu_travels_with_it(tmp_path):
+    import pickle
+
+    text = STUDY.replace("draws = 6", "draws = 2")
+    start, stop = text.index("[controllers.soft]"), text.index("[references")
+    law = f"""[controllers.fmu]
+kind = "fmu"
+model = "{EXAMPLES / "PitchPID.mo"}:PitchPID"
+measured = ["theta_p"]
+commanded = ["V"]
+period = "1 ms"
+"""
+    read = study(text[:start] + law + text[stop:], tmp_path / "study.toml")
+    parcel = pickle.loads(pickle.dumps(whatif._parcel(read)))
+    unpacked = parcel.unpacked()
+    assert unpacked.controllers["fmu"].values["model"].endswith(".fmu")
+    assert unpacked.variants[0].fmu != read.variants[0].fmu
+    result = run_study(read, workers=0)
+    assert result.notes == ()
+    assert result.rate("fmu").passed == result.rate("paper").passed == 4
+    # The same law, continuous and sampled: margins agree to a few per cent.
+    margin = {
+        (r.case.controller, v.name): v.value
+        for r in result.runs
+        for v in r.verdicts
+        if v.kind == "margin" and r.case.draw == 0
+    }
+    for name in ("gain margin", "phase margin", "disk margin"):
+        assert margin["fmu", name] == pytest.approx(margin["paper", name], rel=0.1)
 
 
 @pytest.mark.slow
