@@ -32,6 +32,8 @@ from identification.pole_placement import (
     Samples,
     WindowedUpdate,
     gain,
+    place,
+    region,
 )
 from tests.identification.pole_placement import balancing_robots as truth
 
@@ -143,6 +145,7 @@ def _chapter_2(page: Page, runs: int) -> None:
         "These errors scatter: medians of 21 seeds differ by a factor of about two either way. "
         "What stands is their order: the nearer to the equilibrium, the better the linear model."
     )
+    _region(page, F0)
     page.text(
         "### With noise, σ = 4e-8 rad on both angles",
         "The text says of Figure 2.9 that errors become small. With N = 10, least squares of "
@@ -162,6 +165,27 @@ def _chapter_2(page: Page, runs: int) -> None:
         (4e-8, 0.05, 4, "noisy, σ = 4e-8 rad"),
     ):
         _chapter_2_pictures(page, F0, label, noise, excitation, seed)
+
+
+def _region(page: Page, F0: np.ndarray) -> None:
+    robot = truth.Robot2D()
+    page.text(
+        "### Where the linear model holds",
+        "`place-poles` says of every model how far along each state its one-step errors stay "
+        "small. The closed loop with F0, started from a tilt of the body; the end of the region "
+        "along θ_b, judged by (2.9) and by a model fitted to the same 130 steps:",
+    )
+    rows = []
+    for tilt in (6.0, 10.0, 15.0, 20.0, 25.0):
+        run = truth.run_2d(1, 39, F0, tilt=tilt)
+        samples = Samples(run.states[0], run.inputs[0])
+        found = place(samples, np.array(robot.poles), method="two-step").region
+        reaches = (region(samples, *robot.linear())["x1"], found["x1"])
+        ends = [np.rad2deg(reach.holds_to) for reach in reaches]
+        words = [f"{end:.1f} deg" if np.isfinite(end) else "everywhere seen" for end in ends]
+        rows.append((f"{tilt:g} deg", f"{np.rad2deg(reaches[0].seen_to):.1f} deg", *words))
+    page.table(("started at", "largest tilt", "(2.9) holds to", "fitted model holds to"), rows)
+    page.text("These ends are coarse: they lie between tenths of the samples.")
 
 
 def _chapter_2_pictures(

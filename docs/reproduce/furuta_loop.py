@@ -3,21 +3,29 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from fmus.plant import Plant
 from fmus.running import model_fmu
 from fmus.sources import ModelicaSource
+from hil.controllers.base import Controller
+from hil.controllers.incremental import Incremental
+from hil.controllers.swing_up import SwingUp
 from tests.identification import furuta_truth as truth
 
 GAINS = (-6.0, -5.0, 137.0, 20.0, 0.16)
-LARGEST = 127.0
-CATCH, DROP = math.radians(10), math.radians(20)
-SWING, ZONE = 85.0, (math.radians(3), math.radians(50))
 DEAD = 45.0
+WIRING: Mapping[str, Any] = {
+    "measured": ("alpha", "beta"),
+    "commanded": ("u",),
+    "period": truth.STEP,
+    "limit": 127.0,
+    "gains": GAINS,
+}
 
 RIG = ModelicaSource(
     """model Rig "The rotary pendulum as the computer sees it"
@@ -66,57 +74,21 @@ def wrapped(angle: float) -> float:
     return (angle + math.pi) % (2 * math.pi) - math.pi
 
 
-class Controller:
-    """(5.18) with (5.14), (5.15), and the swing-up of section 5.1 until the rod is near upright.
-
-    Args:
-        balancing: Whether the rod is up at the start.
-    """
-
-    def __init__(self, *, balancing: bool) -> None:
-        self.balancing = balancing
-        self._before: tuple[float, float] | None = None
-        self._u = self._home = 0.0
-        self._samples = 0
-
-    def __call__(self, arm: float, tilt: float) -> float:
-        """Return the command for what is read: arm and tilt from upright, rad."""
-        arm_before, tilt_before = self._before or (arm, tilt)
-        self._before = arm, tilt
-        arm_rate = (arm - arm_before) / truth.STEP
-        rate = wrapped(tilt - tilt_before) / truth.STEP
-        self._samples += 1
-        if self.balancing and abs(tilt) > DROP:
-            self.balancing = False
-        elif not self.balancing and abs(tilt) < CATCH:
-            self.balancing, self._u, self._home = True, 0.0, arm
-        if not self.balancing:
-            return self._swing(wrapped(tilt - math.pi), rate)
-        k = GAINS
-        u = (1 - k[4]) * self._u - k[0] * (arm - self._home) - k[1] * arm_rate
-        u -= k[2] * tilt + k[3] * rate
-        self._u = max(-LARGEST, min(LARGEST, u))
-        return self._u
-
-    def _swing(self, hanging: float, rate: float) -> float:
-        if self._samples <= 12:  # a kick, since a rod at rest is in no zone
-            return SWING
-        falls = hanging * rate < 0 and ZONE[0] < abs(hanging) < ZONE[1]
-        return -math.copysign(SWING, rate) if falls else 0.0
-
-
 def _loop(
     controller: Controller,
+    reference: Sequence[float],
     read: Callable[[], tuple[float, float, float, float]],
     advance: Callable[[float], None],
     samples: int,
 ) -> Run:
-    """Close a loop; `read` gives arm and tilt as counted, then as they are."""
+    """Close a loop; `read` gives arm and rod as counted, then as they are."""
     rows = []
     for k in range(samples):
-        arm, tilt, true_arm, true_tilt = read()
-        u = controller(arm, tilt)
-        rows.append((k * truth.STEP, true_arm, true_tilt, u, float(controller.balancing)))
+        arm, rod, true_arm, true_rod = read()
+        time = k * truth.STEP
+        u = controller.step(time, (arm, rod), reference)[0]
+        tilt = wrapped(true_rod - math.pi)
+        rows.append((time, true_arm, tilt, u, float(controller.mode != "swing")))
         advance(u)
     time, arm, tilt, u, balancing = np.array(rows).T
     return Run(time, arm, tilt, u, balancing > 0)
@@ -131,14 +103,15 @@ def swing_up(duration: float = 15.0) -> Run:
         def read() -> tuple[float, float, float, float]:
             seen = plant.read()
             arm = seen["arm_counts"] * 2 * math.pi / 6541
-            tilt = wrapped(seen["rod_counts"] * 2 * math.pi / 1024 - math.pi)
-            return arm, tilt, seen["alpha"], wrapped(seen["beta"] - math.pi)
+            rod = seen["rod_counts"] * 2 * math.pi / 1024
+            return arm, rod, seen["alpha"], seen["beta"]
 
         def advance(u: float) -> None:
             plant.set({"u": u})
             plant.step(truth.STEP)
 
-        return _loop(Controller(balancing=False), read, advance, round(duration / truth.STEP))
+        samples = round(duration / truth.STEP)
+        return _loop(SwingUp(**WIRING), (0.0, math.pi), read, advance, samples)
 
 
 def balance(case: Balance, tilt: float, duration: float = 20.0) -> Run:
@@ -148,7 +121,7 @@ def balance(case: Balance, tilt: float, duration: float = 20.0) -> Run:
     def read() -> tuple[float, float, float, float]:
         arm = round(x[0] / truth.ALPHA_STEP) * truth.ALPHA_STEP
         beta = round(x[1] / truth.BETA_STEP) * truth.BETA_STEP
-        return arm, wrapped(beta - math.pi) + case.bias, x[0], wrapped(x[1] - math.pi)
+        return arm, beta + case.bias, x[0], x[1]
 
     def advance(u: float) -> None:
         if case.compensated and abs(u) > 1:
@@ -158,4 +131,5 @@ def balance(case: Balance, tilt: float, duration: float = 20.0) -> Run:
             u = u - passed if abs(u) > DEAD else 0.0
         x[:] = truth.step(x, u, case.plant)
 
-    return _loop(Controller(balancing=True), read, advance, round(duration / truth.STEP))
+    controller = Incremental(**WIRING, wrap=("beta",))
+    return _loop(controller, (0.0, math.pi), read, advance, round(duration / truth.STEP))

@@ -415,8 +415,9 @@ def _arm(page: Page, repeats: int) -> None:
         page.text(f"### Setup {setup + 1}")
         page.table(heads, rows)
     page.text(
-        "`auto` cuts the record into windows whose initial states are free, so that what stiction "
-        "does at rest is hardly seen; a Kalman filter takes it for friction at speed.",
+        "Output error cuts the record into windows whose initial states are free, so that what "
+        "stiction does at rest is hardly seen; a Kalman filter takes it for friction at speed. "
+        "`auto` goes on from output error to the filter only if that explains the record.",
         "## Tables 4.8 and 4.9: directions",
         "Setup 1 is simulated with one friction for both directions, setup 2 with that of Table "
         "4.9; C is the positive direction.",
@@ -429,7 +430,7 @@ def _arm(page: Page, repeats: int) -> None:
             chosen = [record for way, record in runs if way == direction]
             for method, fits in (
                 ("least squares", [least_squares(plant, r) for r in chosen]),
-                ("`auto`", [arm(fit(plant, r)) for r in chosen]),
+                ("`output-error`", [arm(fit(plant, r, "output-error")) for r in chosen]),
             ):
                 by_direction.append((f"{name}, {method}", *_arm_row(fits)[1:]))
             dry, viscous = plant.asymmetry[k], plant.asymmetry[2 + k]
@@ -449,7 +450,7 @@ def _hidden_effect(page: Page, repeats: int) -> None:
     page.text(
         "### A hidden effect in Table B.6",
         "Setup 2's J_z0 differs between directions, 0.0051 (C) and 0.0067 (CC), which no inertia "
-        "can do. Ratio CC/C of J_z0 by least squares as published, and by `auto`:",
+        "can do. Ratio CC/C of J_z0 by least squares as published, and by output error:",
     )
     plant = truth.SETUP_2
     causes = (
@@ -460,14 +461,17 @@ def _hidden_effect(page: Page, repeats: int) -> None:
     for name, changed, gain in causes:
         runs = _experiments(changed.sticky(STICTION[1]), repeats, gain=gain)
         ratios = []
-        for method in (lambda r: least_squares(plant, r)[0], lambda r: arm(fit(plant, r))[0]):
+        for method in (
+            lambda r: least_squares(plant, r)[0],
+            lambda r: arm(fit(plant, r, "output-error"))[0],
+        ):
             each = {
                 way: np.mean([method(record) for w, record in runs if w == way])
                 for way in ("C", "CC")
             }
             ratios.append(f"{each['CC'] / each['C']:.2f}")
         rows.append((name, *ratios))
-    page.table(("cause", "least squares", "`auto`"), rows)
+    page.table(("cause", "least squares", "`output-error`"), rows)
     page.text(
         "Recomputed: 1.06 and 1.43. If an inertia changes with direction, suspect the gain before "
         "friction."

@@ -61,7 +61,7 @@ PRINTED_RMSE = {
 }
 
 
-def write(folder: Path, *, seeds: int = 8) -> Path:
+def write(folder: Path, *, seeds: int = 6) -> Path:
     """Write the page with its pictures and return its path.
 
     Args:
