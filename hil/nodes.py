@@ -106,7 +106,7 @@ class PlantNode:
     def listen(self, now: float) -> None:
         """Take the commands that have come."""
         for arrival, frame in self.line.take(now):
-            reading = self.unpacker.unpack(frame)
+            reading = self.unpacker.unpack(frame, arrival)
             if reading is not None and reading.values:
                 self.commands.update(reading.values)
                 self.watchdog.feed(arrival)
@@ -175,7 +175,7 @@ class ControllerNode:
     def cycle(self, now: float) -> None:
         """Take what has come; step if it is time for it."""
         while (frame := self.bus.recv(0.0)) is not None:
-            reading = self.unpacker.unpack(frame)
+            reading = self.unpacker.unpack(frame, now)
             if reading is not None and reading.values:
                 self.values.update(reading.values)
                 self._fed[reading.message] = now

@@ -140,6 +140,9 @@ def _judged(scenario: Scenario, rig: _Rig, target: Path) -> HilResult:
     result = rig.loop.result
     trace = result.trace
     counts = rig.plant.statistics
+    counts.error_frames += getattr(rig.plant.line.bus, "malformed", 0)
+    if rig.log.left_out:
+        result.notes.append(f"{rig.log.left_out} frames had no room in the recording")
     ends = [counts] if rig.controller is None else [counts, rig.controller.unpacker.statistics]
     evidence = Evidence(
         trace.time,
@@ -208,6 +211,8 @@ def _assemble(scenario: Scenario, stack: contextlib.ExitStack) -> _Rig:
     node: ControllerNode | None = None
     if scenario.controller is not None:
         node = _controller_node(scenario, stack, controller_channel, safe)
+        # The DBC says how often a command may come; the law knows how often it does.
+        unpacker.period = max(node.controller.period, run.step)
     elif scenario.process is not None:
         stack.enter_context(running(scenario.process, controller_channel))
     times = run.step * np.arange(run.cycles, dtype=np.float64)

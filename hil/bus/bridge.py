@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-import tty
 from collections.abc import Generator
 from contextlib import contextmanager
 from pathlib import Path
@@ -34,10 +33,12 @@ def bridged_terminals() -> Generator[tuple[str, str]]:
     files: list[int] = []
     try:
         try:
+            import tty  # noqa: PLC0415 - not there on Windows
+
             pairs = [os.openpty(), os.openpty()]
-        except OSError as error:
+        except (OSError, ImportError) as error:
             raise BusError(
-                f"no pseudo-terminal can be opened: {error.strerror}",
+                f"no pseudo-terminal can be opened: {error}",
                 where="bus.channel",
                 remedy="use interface 'virtual', or a real adapter",
             ) from error

@@ -17,6 +17,9 @@ from hil.bus.dbc import Port, protection_of
 from hil.bus.e2e import Checking, Counting, Status
 from hil.bus.statistics import Statistics
 
+_LATE = 1.5
+"""Frames that come after more than so many periods are late."""
+
 
 @dataclass(frozen=True)
 class Field:
@@ -197,6 +200,7 @@ class Unpacker:
     Attributes:
         layouts: The messages that are wanted.
         statistics: Counts what came.
+        period: Of all these messages [s], where it is not that of the DBC.
 
     Example:
         >>> from hil.bus.dbc import Port, parse_dbc, plant_dbc
@@ -213,6 +217,7 @@ class Unpacker:
 
     layouts: Sequence[Layout]
     statistics: Statistics = field(default_factory=Statistics)
+    period: float | None = None
 
     def __post_init__(self) -> None:
         self._by_id = {
@@ -222,14 +227,21 @@ class Unpacker:
             )
             for layout in self.layouts
         }
+        self._came: dict[str, float] = {}
         self._known: Collection[tuple[int, bool]] = set(self._by_id)
 
     def know(self, messages: Iterable[Message]) -> None:
         """Take frames of these messages for known, though nothing of them is wanted."""
         self._known = {*self._known, *((m.frame_id, m.is_extended_frame) for m in messages)}
 
-    def unpack(self, frame: can.Message) -> Reading | None:
-        """Return what a frame says; None: it carries no variable that is wanted."""
+    def unpack(self, frame: can.Message, time: float | None = None) -> Reading | None:
+        """Return what a frame says; None: it carries no variable that is wanted.
+
+        Args:
+            frame: As it came.
+            time: When [s]; None: by its stamp.
+        """
+        time = frame.timestamp if time is None else time
         counts = self.statistics
         if frame.is_error_frame:
             counts.error_frames += 1
@@ -244,19 +256,25 @@ class Unpacker:
         name = layout.message.name
         if len(frame.data) < layout.message.length:
             counts.too_short += 1
-            return Reading(name, {}, Status.WRONG_CHECKSUM, frame.timestamp)
+            return Reading(name, {}, Status.WRONG_CHECKSUM, time)
         status = Status.OK
         if checking is not None:
             before = checking.lost
             status = checking.check(frame.data)
             counts.note(status, checking.lost - before)
             if not status.is_good:
-                return Reading(name, {}, status, frame.timestamp)
+                return Reading(name, {}, status, time)
+        # After a frame that is known to be lost the next one is not late.
+        period = self.period or layout.period
+        last = self._came.get(name)
+        if period and last is not None and status is Status.OK:
+            counts.late += time - last > _LATE * period + 1e-9
+        self._came[name] = time
         try:
             decoded = layout.message.decode(bytes(frame.data), decode_choices=False)
         except (DecodeError, ValueError):
             counts.too_short += 1
-            return Reading(name, {}, Status.WRONG_CHECKSUM, frame.timestamp)
+            return Reading(name, {}, Status.WRONG_CHECKSUM, time)
         raw = cast("dict[str, float]", decoded)  # numbers: no named values were asked for
         values = {f.variable: f.factor * raw[f.signal] + f.offset for f in layout.fields}
-        return Reading(name, values, status, frame.timestamp)
+        return Reading(name, values, status, time)

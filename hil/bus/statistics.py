@@ -23,7 +23,8 @@ class Statistics:
         lost: Frames that the counters show to be missing.
         repeated: Frames with the counter of the one before.
         wrong_sequence: Old frames, and frames after a gap too long.
-        late: Frames that came, or were to be sent, too late for their period.
+        late: Frames that came after more than one and a half periods though none is lost between,
+            and frames that were sent half a period late.
     """
 
     sent: int = 0

@@ -79,6 +79,12 @@ def test_bus_off_is_noticed_within_the_timeout_and_left(results):
     assert np.all(result.trace.columns["V"][safe] == 0)
 
 
+def test_late_frames_are_counted(results):
+    assert results("late-controller").plant.late >= 1
+    assert results("delay").controller.late >= 1
+    assert results("duplicate").plant.late == results("duplicate").controller.late == 0
+
+
 def test_a_dead_controller_leaves_the_plant_safe_for_good(results):
     result = results("dead-controller")
     assert result.safe[-1][1] == np.inf
