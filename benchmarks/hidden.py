@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 
 import numpy as np
+from scipy.signal import lfilter
 
 import twinproof
 from benchmarks.figures import Figure
@@ -29,7 +31,28 @@ _NULLS = 10
 
 def recording(effects: Mapping[str, float], seed: int) -> twinproof.Recording:
     """Simulate the truth as the demo's sensors would record it."""
-    run = truth.simulate(effects, seed=seed)
+    return _recorded(truth.simulate(effects, seed=seed), f"truth {dict(effects)} seed {seed}")
+
+
+def lagging_pitch(lag: float, seed: int) -> twinproof.Recording:
+    """Simulate the truth, whose pitch passes a low-pass filter of `lag` seconds when recorded."""
+    run = truth.simulate({}, seed=seed, ideal_sensors=True)
+    step = float(run.time[1] - run.time[0])
+    share = -np.expm1(-step / lag)
+    pitch = run.channels["theta_p"]
+    late = lfilter([share], [1, share - 1], pitch, zi=[(1 - share) * pitch[0]])[0]
+    noise = np.random.default_rng(seed).normal(0.0, 0.5 * DEGREE, (2, len(pitch)))
+    tick = 2 * np.pi / 60000
+    measured = {
+        **run.channels,
+        "theta_w": np.round(run.channels["theta_w"] / tick) * tick,
+        "theta_p": late + noise[0],
+        "omega_p": run.channels["omega_p"] + noise[1],
+    }
+    return _recorded(replace(run, channels=measured), f"pitch late by {lag} s, seed {seed}")
+
+
+def _recorded(run: truth.Run, origin: str) -> twinproof.Recording:
     sensors = {
         "theta_w": ("rad", twinproof.Sensor(None, 2 * np.pi / 60000, 0.0)),
         "theta_p": ("rad", twinproof.Sensor(0.5 * DEGREE, None, 0.0)),
@@ -40,7 +63,7 @@ def recording(effects: Mapping[str, float], seed: int) -> twinproof.Recording:
         name: twinproof.Channel(name, run.channels[name], unit, sensor)
         for name, (unit, sensor) in sensors.items()
     }
-    return twinproof.Recording(run.time, channels, f"truth {dict(effects)} seed {seed}", ())
+    return twinproof.Recording(run.time, channels, origin, ())
 
 
 def run() -> Iterator[Figure]:
@@ -55,6 +78,9 @@ def run() -> Iterator[Figure]:
         named += right
         yield Figure(f"hidden {label} named first", float(right), None)
     yield Figure("hidden effects named first", named / len(CASES), 0.95, "", True)
+    found = twinproof.diagnose(model, lagging_pitch(0.02, 50)).diagnosis
+    right = found.chosen is not None and found.chosen.addition.label == "FirstOrderLag@theta_p"
+    yield Figure("hidden FirstOrderLag@theta_p, 20 ms, named first", float(right), 1, "", True)
     complete = 0
     for seed in range(100, 100 + _NULLS):
         found = twinproof.diagnose(model, recording({}, seed)).diagnosis

@@ -56,7 +56,13 @@ class Experiment:
         try:
             return cls(
                 problem,
-                Shooting(model, outputs, free, measured_inputs=problem.measured_inputs),
+                Shooting(
+                    model,
+                    outputs,
+                    free,
+                    measured_inputs=problem.measured_inputs,
+                    following=problem.following,
+                ),
             )
         except UnsupportedModelError:
             if not through_fmi:

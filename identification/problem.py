@@ -35,6 +35,7 @@ class Problem:
         notes: What was ignored or assumed while matching.
         measured_inputs: Inputs that were measured, not commanded: between their samples they run in
             straight lines, others hold.
+        following: States of sensors, whose start follows from the signal that they filter.
     """
 
     dae: Dae
@@ -47,6 +48,7 @@ class Problem:
     values: Mapping[str, float]
     notes: tuple[str, ...] = ()
     measured_inputs: tuple[str, ...] = ()
+    following: tuple[str, ...] = ()
 
     @property
     def sample_time(self) -> float:

@@ -60,6 +60,8 @@ class Shooting:
         output_names: Measured variables, in the order of the answer.
         sensitive: Parameters with respect to which sensitivities are wanted.
         measured_inputs: Inputs that run in straight lines between samples; others hold.
+        following: States whose start is not free: that of a sensor's filter follows from the signal
+            that it filters, as if that had run in a straight line before.
         briefly: It will only be run once or twice: compile fast rather than well.
 
     Raises:
@@ -74,6 +76,7 @@ class Shooting:
         sensitive: Sequence[str],
         *,
         measured_inputs: Collection[str] = (),
+        following: Collection[str] = (),
         briefly: bool = False,
     ) -> None:
         self.dae = dae
@@ -85,12 +88,15 @@ class Shooting:
         _check_operands(self.model, self.sensitive)
         self.parameter_names = self.model.parameter_names
         self.nx = len(self.model.state_names)
+        self.following = tuple(name for name in self.model.state_names if name in following)
         names = [v.name for v in dae.inputs]
         self.ramps = np.array([name in measured_inputs for name in names], dtype=np.int32)
 
     @cached_property
     def _library(self) -> ctypes.CDLL:
-        return _compiled(self.model, self.output_names, self.sensitive, self._optimise)
+        return _compiled(
+            self.model, self.output_names, self.sensitive, self.following, self._optimise
+        )
 
     @property
     def state_names(self) -> tuple[str, ...]:
@@ -280,16 +286,24 @@ def _rates(model: ExplicitModel) -> Mapping[str, str]:
 
 @lru_cache(maxsize=256)
 def _compiled(
-    model: ExplicitModel, output_names: tuple[str, ...], sensitive: tuple[str, ...], optimise: str
+    model: ExplicitModel,
+    output_names: tuple[str, ...],
+    sensitive: tuple[str, ...],
+    following: tuple[str, ...],
+    optimise: str,
 ) -> ctypes.CDLL:
-    source = step_code(model, output_names, sensitive, "shooting.c")
+    source = step_code(model, output_names, sensitive, "shooting.c", following)
     library = ctypes.CDLL(str(shared_library(source, optimise=optimise)))
     library.twinproof_shoot.restype = ctypes.c_int
     return library
 
 
 def step_code(
-    model: ExplicitModel, output_names: tuple[str, ...], sensitive: tuple[str, ...], driver: str
+    model: ExplicitModel,
+    output_names: tuple[str, ...],
+    sensitive: tuple[str, ...],
+    driver: str,
+    following: tuple[str, ...] = (),
 ) -> str:
     """Return C: one integration step and the outputs, with derivatives, and a driver around them.
 
@@ -298,6 +312,7 @@ def step_code(
         output_names: The outputs wanted.
         sensitive: Parameters with respect to which derivatives are wanted.
         driver: File in `identification/drivers` that calls the generated functions.
+        following: States whose start follows from the others.
     """
     n_delays = len(model.dae.delays)
     # Each delay brings three columns: value d, slope e and duration T₀ at the point of
@@ -330,6 +345,7 @@ def step_code(
     y = with_delays(ca.vertcat(*(model.value(name) for name in output_names)))
     step_in = [t, x, u0, u1, p, h]
     output_in = [t, x, u, p]
+    start = _starts(model, with_delays(model.derivatives), following)
 
     def full(function: SX, of: SX) -> SX:
         return ca.densify(ca.jacobian(function, of)) if of.shape[0] else ca.SX(0, 0)
@@ -349,6 +365,12 @@ def step_code(
             [ca.densify(y), full(y, x), full(y, s)],
             {"cse": True},
         ),
+        ca.Function(
+            f"{_PREFIX}_start",
+            output_in,
+            [ca.densify(start), full(start, x), full(start, s)],
+            {"cse": True},
+        ),
     ]
     generator = ca.CodeGenerator(
         "steps", {"casadi_int": "int", "with_header": False, "with_export": False}
@@ -361,7 +383,32 @@ def step_code(
         "NS": len(sensitive),
         "NY": len(output_names),
         "ND": 3 * n_delays,
+        "FOLLOWING": len(following),
         "WORK": max(1, *(int(function.sz_w()) for function in functions)),
     }
     defines = "".join(f"#define {name} {value}\n" for name, value in sizes.items())
     return str(generator.dump()) + defines + (_DRIVERS / driver).read_text(encoding="utf-8")
+
+
+def _starts(model: ExplicitModel, derivatives: SX, following: tuple[str, ...]) -> SX:
+    """Return the initial state with following ones put where the signal they filter leads them.
+
+    For dx/dt = a·x + b that is the x which runs as straight as b: x = -b/a - (db/dt)/a².
+    """
+    start = model.x
+    for name in following:
+        k = model.state_names.index(name)
+        own = model.x[k]
+        slope = ca.jacobian(derivatives[k], own)
+        drive = ca.substitute(derivatives[k], own, 0)
+        others = ca.jacobian(model.derivatives, own)
+        others[k] = 0
+        if (others.nnz() and not others.is_zero()) or ca.depends_on(slope, model.x):
+            raise UnsupportedModelError(
+                f"{name} of {model.dae.name} is no filter of a sensor: it acts back on the plant, "
+                "or is not linear",
+                remedy="put the effect at an input",
+            )
+        rate = ca.jacobian(drive, model.x) @ derivatives
+        start = ca.substitute(start, own, -drive / slope - rate / slope**2)
+    return start

@@ -143,6 +143,7 @@ def score_group(
         problem.output_names,
         sensitive,
         measured_inputs=problem.measured_inputs,
+        following=whole_problem.following,
         briefly=True,
     )
     windows = experiment.windows
@@ -165,14 +166,10 @@ def _testable(wanted: Sequence[Addition]) -> tuple[list[Addition], dict[str, str
             reason = "no parameter makes it absent: give one the default 0"
         elif effect.jumps:
             reason = "an effect that changes its state at events is not tested yet"
-        elif effect.has_memory and place.kind == "output":
-            # Free in every window, it would take up noise as a hundred free numbers do.
-            reason = (
-                "what a sensor remembers when a window starts cannot be seen in its record; "
-                "the same effect at an input is tested"
-            )
         elif effect.delays and place.kind != "input":
-            reason = "a delayed motion has no sensitivities yet"
+            reason = (
+                "a delayed motion has no sensitivities yet; FirstOrderLag stands for it at sensors"
+            )
         elif effect.delays and place.name in delayed:
             reason = f"{delayed[place.name]} is tested here; two delays in series are not"
         else:

@@ -52,7 +52,9 @@ def transfer_problem(
         for name in independent
         if name in base_free or (name in fitted_by_default(dae) and name not in known)
     )
-    return replace(problem, dae=dae, free=free, values=independent)
+    sensors = tuple(f"{a.instance}." for a in model.additions if a.place.kind == "output")
+    following = tuple(v.name for v in dae.states if sensors and v.name.startswith(sensors))
+    return replace(problem, dae=dae, free=free, values=independent, following=following)
 
 
 def transfer_states(

@@ -17,6 +17,12 @@ int twinproof_shoot(int n, int substeps, double h, double t0, const double *x0, 
   memcpy(x, x0, NX * sizeof(double));
   memset(s, 0, sizeof s);
   for (i = 0; i < NX; i++) s[i * NX + i] = 1;
+  if (FOLLOWING) { /* the filters of sensors begin where their signals lead them */
+    const double *arg[4] = {&t0, x, u, p};
+    double *res[3] = {xn, s, s + NX * NX};
+    twinproof_start(arg, res, 0, w, 0);
+    memcpy(x, xn, NX * sizeof(double));
+  }
   for (k = 0; k < n; k++) {
     const double *uk = u + (long)k * NU, *un = k + 1 < n ? uk + NU : uk;
     t = t0 + k * h;

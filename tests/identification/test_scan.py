@@ -133,12 +133,13 @@ def test_what_is_excluded_or_had_already_is_not_scored():
     assert "CubicSpring@joint" in labels
 
 
-def test_a_sensor_with_memory_is_skipped_and_says_why():
+def test_a_sensors_lag_is_scored_and_its_delay_says_why_not():
+    """What the filter remembers when a window starts is not free, so it explains no noise."""
     _, _, found = scanned("drag")
-    labels = {s.addition.label for s in found.scored}
-    for effect in ("Delay", "FirstOrderLag"):
-        assert "remembers" in found.skipped[f"{effect}@theta"]
-        assert f"{effect}@tau" in labels
+    gains = {s.addition.label: s.gain for s in found.scored}
+    assert gains["FirstOrderLag@theta"] < 0.5 * max(gains.values())
+    assert {"FirstOrderLag@tau", "Delay@tau"} <= set(gains)
+    assert "FirstOrderLag" in found.skipped["Delay@theta"]
 
 
 AWKWARD = """

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import truth_records as truth
 from scipy.integrate import solve_ivp
+from scipy.signal import lfilter
 
 from fmus.frontend import load
 from foundation.errors import UnsupportedModelError
@@ -227,6 +228,46 @@ def test_a_measured_input_runs_in_straight_lines(delay):
     # A delayed line is again a line between samples, which cuts its corners.
     assert np.all(error < (1e-6 if delay == 0 else 2e-3))
     assert np.all(error < 0.15 * np.abs(stairs.outputs - solved.y.T).max(axis=0))
+
+
+def test_a_sensors_filter_begins_where_its_signal_leads_it():
+    """Its start is not free: in the middle of a motion it is that of the filter that saw it all."""
+    source = truth.library("Pendulum")
+    lag, begin = 0.02, 700
+    model = extend(source, [parse_addition(f"FirstOrderLag@theta,T={lag}", source)])
+    inputs = truth.swing(N, STEP)
+    states = truth.held(truth.pendulum_rates(), [0.4, -0.5], inputs, STEP)
+    share = -np.expm1(-STEP / lag)
+    # First-order hold of the angle: what reaches the filter between samples.
+    middle = (states[1:, 0] + states[:-1, 0]) / 2
+    filtered = np.concatenate(
+        [[0.4], lfilter([share], [1, share - 1], middle, zi=[0.4 * (1 - share)])[0]]
+    )
+    free = ("J", "mgl", "firstOrderLag_theta.T")
+    s = Shooting(model.dae, ("theta",), free, following=["firstOrderLag_theta.x"])
+    x0 = np.zeros(3)
+    for name, value in (("theta", states[begin, 0]), ("omega", states[begin, 1])):
+        where = [k for k, n in enumerate(s.state_names) if n.rpartition(".")[2] == name]
+        x0[where] = value
+    values = declared(s)
+    response = run(s, x0, inputs[begin:], values, sensitivities=True)
+    ideal = truth.held(truth.pendulum_rates(), states[begin], inputs[begin:], STEP)[:, 0]
+    error = np.abs(response.outputs[:, 0] - filtered[begin:])
+    # The signal is bent: T²·d²u/dt² is left of it, and forgotten after a few T.
+    bend = np.abs(np.gradient(np.gradient(states[:, 0], STEP), STEP)[begin])
+    assert abs(ideal[0] - filtered[begin]) > 1.5 * lag**2 * bend
+    assert error[0] == pytest.approx(lag**2 * bend, rel=0.3)
+    assert error[200:].max() < 1e-4 * np.ptp(ideal)
+    assert not response.sensitivities[:, :, s.state_names.index("firstOrderLag_theta.x")].any()
+    for k, name in enumerate(free):
+        step = 1e-5 * values[name]
+        high, low = (
+            run(s, x0, inputs[begin:], {**values, name: values[name] + sign * step}).outputs
+            for sign in (1, -1)
+        )
+        found = response.sensitivities[:, :, s.nx + k]
+        difference = (high - low) / (2 * step)
+        np.testing.assert_allclose(found, difference, atol=1e-5 * np.abs(difference).max())
 
 
 def test_a_window_that_diverges_says_where():
