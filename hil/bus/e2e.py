@@ -18,7 +18,6 @@ Reference:
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 
@@ -220,6 +219,3 @@ class Checking:
         if ahead == 1:
             return Status.OK
         return Status.SOME_LOST if ahead - 1 <= self.most_lost else Status.WRONG_SEQUENCE
-
-
-Check = Callable[[bytes], Status]
