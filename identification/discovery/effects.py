@@ -27,6 +27,7 @@ _EMPIRICAL = ("RotationalEmpirical", "TranslationalEmpirical")
 _TOKEN = re.compile(
     r"\b(end)\s+(\w+)\s*;|\b(partial\s+)?(package|model|block)\s+(\w+)\b(?!\s*=)"
     r"|\bextends\s+\.?([\w.]+)|\bRealInput\s+(\w+)"
+    r"|\b__twinproof\s*\(\s*(search)\s*=\s*false"
 )
 _DESCRIPTION = re.compile(r'\s*"((?:[^"\\]|\\.)*)"')
 _COMMENT_OR_STRING = re.compile(r'"(?:[^"\\]|\\.)*"|//[^\n]*|/\*.*?\*/', re.DOTALL)
@@ -58,6 +59,7 @@ class Effect:
         unit: Of the signals that it is for; empty for any, and for effects on flanges.
         empirical: A curve drawn from data, which has no name in physics and is not searched for.
         companions: Further inputs: each gets the model's input of the same name.
+        searched: False with `annotation(__twinproof(search = false))`: only added by name.
     """
 
     class_name: str
@@ -71,6 +73,7 @@ class Effect:
     unit: str = ""
     empirical: bool = False
     companions: tuple[str, ...] = ()
+    searched: bool = True
 
     @property
     def name(self) -> str:
@@ -136,6 +139,7 @@ def find_effects(source: ModelicaSource | None = None) -> tuple[Effect, ...]:
                     defined_in,
                     tuple(one.inputs),
                 )
+                effect = replace(effect, searched=one.searched)
                 kind = effect.kind
                 if _base_of(one, every, _EMPIRICAL) is not None:
                     effect = replace(effect, empirical=True)
@@ -162,15 +166,19 @@ def resolve(name: str, kind: str, effects: tuple[Effect, ...]) -> Effect:
     raise UnknownNameError(f"{wanted} effect", name, [e.name for e in fitting])
 
 
-@dataclass(frozen=True)
+@dataclass
 class _Class:
-    """A class in a Modelica text: its full name, its one line, what it extends, its inputs."""
+    """A class in a Modelica text: its full name, its one line, what it extends, its inputs.
+
+    `searched` is False with `annotation(__twinproof(search = false))`.
+    """
 
     name: str
     description: str
     partial: bool
     bases: list[str]
     inputs: list[str]
+    searched: bool = True
 
 
 def _classes_of_library(root: Path) -> tuple[_Class, ...]:
@@ -186,7 +194,7 @@ def _classes_in(text: str, prefix: str) -> Iterator[_Class]:
     plain = _COMMENT_OR_STRING.sub(lambda m: " " * len(m[0]), text)
     scopes: list[_Class] = []
     for token in _TOKEN.finditer(plain):
-        end, ended, partial, _, begun, base, signal = token.groups()
+        end, ended, partial, _, begun, base, signal, unsearched = token.groups()
         if end:
             if scopes and scopes[-1].name.rpartition(".")[2] == ended:
                 yield scopes.pop()
@@ -198,6 +206,8 @@ def _classes_in(text: str, prefix: str) -> Iterator[_Class]:
             scopes[-1].bases.append(base)
         elif signal and scopes:
             scopes[-1].inputs.append(signal)
+        elif unsearched and scopes:
+            scopes[-1].searched = False
 
 
 def _base_of(one: _Class, classes: Sequence[_Class], wanted: Collection[str]) -> str | None:

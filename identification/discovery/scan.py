@@ -61,8 +61,13 @@ class Scan:
 def candidates(source: ModelicaSource, measured: Sequence[str]) -> tuple[Addition, ...]:
     """Return every named effect at every place where it can act and would be noticed.
 
-    An output that is not recorded cannot show a sensor's effect.
+    An output that is not recorded cannot show a sensor's effect. Effects whose class says that they
+    are not searched are left out.
     """
+    return tuple(a for a in _fitting(source, measured) if a.effect.searched)
+
+
+def _fitting(source: ModelicaSource, measured: Sequence[str]) -> tuple[Addition, ...]:
     effects = find_effects(source)
     there = places(source)
     inputs = {place.name for place in there if place.kind == "input"}
@@ -98,7 +103,7 @@ def scan(
     """
     measured = experiment.problem.output_names
     have = {a.label for a in model.additions} | set(exclude)
-    wanted = [a for a in candidates(model.base, measured) if a.label not in have]
+    wanted = [a for a in _fitting(model.base, measured) if a.label not in have]
     testable, skipped = _testable(wanted)
     with ThreadPoolExecutor(_WORKERS) as pool:
         scored = pool.map(partial(score_group, model, experiment, fit), _groups(testable))
@@ -162,7 +167,9 @@ def _testable(wanted: Sequence[Addition]) -> tuple[list[Addition], dict[str, str
     delayed: dict[str, str] = {}
     for addition in wanted:
         effect, place = addition.effect, addition.place
-        if not effect.main_parameters:
+        if not effect.searched:
+            reason = "its class says that it is not searched; `extend` adds it by name"
+        elif not effect.main_parameters:
             reason = "no parameter makes it absent: give one the default 0"
         elif effect.jumps:
             reason = "an effect that changes its state at events is not tested yet"

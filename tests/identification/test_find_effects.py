@@ -122,3 +122,10 @@ def test_words_are_resolved_by_the_kind_of_place(word, kind, class_name):
 def test_unknown_words_are_refused(word, kind, hint):
     with pytest.raises(UnknownNameError, match=hint):
         resolve(word, kind, find_effects())
+
+
+def test_a_class_can_say_that_it_is_not_searched():
+    """Such an effect is found, added by name, and left out of the scan with that reason."""
+    found = {e.name: e.searched for e in find_effects() if e.kind == "rotational"}
+    assert not found["LuGreFriction"]
+    assert found["CoulombFriction"]

@@ -43,7 +43,7 @@ def declaration(name: str, parameter: str) -> str:
 
 
 def test_the_library_is_all_there() -> None:
-    assert len(SIMULATED) == 7 + 18 + 16 + 15 + 4 + 2
+    assert len(SIMULATED) == 7 + 22 + 20 + 17 + 4 + 2
     assert len(CLASSES) == len(SIMULATED) + 11
 
 
