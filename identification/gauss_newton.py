@@ -142,8 +142,9 @@ def linearise(
         if response.finite < len(window) or not np.all(np.isfinite(jacobian)):
             return _diverged(len(sd), ns)
         r = misfit / sd
-        cost += float(np.sum(r * r))
-        squares += np.sum(misfit**2, axis=0)
+        with np.errstate(over="ignore"):
+            cost += float(np.sum(r * r))
+            squares += np.sum(misfit**2, axis=0)
         samples += len(window)
         if np.max(np.abs(jacobian), initial=0.0) > _LARGEST:
             return _diverged(len(sd), ns)

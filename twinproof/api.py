@@ -23,6 +23,7 @@ from identification.discovery.extension import (
     extend as write_extension,
 )
 from identification.discovery.ladder import Improvement
+from identification.doubts import check_motion, with_doubts
 from identification.estimate import Estimate
 from identification.estimators import estimator
 from identification.estimators.start import best_start
@@ -167,7 +168,8 @@ def identify(
             where="MODEL",
             remedy="declare one tunable, or name it with --free",
         )
-    estimate = chosen.estimate(problem)
+    check_motion(problem)
+    estimate = with_doubts(problem, chosen.estimate(problem))
     fitted = problem.with_values(estimate.values)
     experiment = Experiment.of(fitted, through_fmi=True)
     length = horizon_of(horizon, experiment)

@@ -122,7 +122,8 @@ def _promising(
 
 
 def _finite(problem: Problem, maximum: Maximum) -> Maximum:
-    if not np.isfinite(maximum.log_likelihood):
+    seen = np.diag(maximum.information)[: len(maximum.free)]
+    if not (np.isfinite(maximum.log_likelihood) and np.all(np.isfinite(seen)) and np.all(seen > 0)):
         raise DivergenceError(
             f"the filter of {problem.dae.name} leaves the finite numbers",
             remedy="check units and signs of the inputs, or use --method output-error",
@@ -143,7 +144,7 @@ def _estimate(problem: Problem, rough: Estimate, maximum: Maximum) -> Estimate:
     np.fill_diagonal(covariance, np.inf)
     index = [list(rough.parameters).index(name) for name in maximum.free]
     covariance[np.ix_(index, index)] = maximum.covariance
-    scale = np.sqrt(np.diag(maximum.information))
+    scale = np.sqrt(np.maximum(np.diag(maximum.information), 1e-300))
     eigenvalues = np.linalg.eigvalsh(maximum.information / np.outer(scale, scale))
     return replace(
         rough,
