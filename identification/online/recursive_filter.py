@@ -220,10 +220,16 @@ class RecursiveFilter(OnlineEstimator):
         meat = scores.T @ scores * few_blocks_factor(float(np.mean(rows)) / n) ** 2
         unknowns = jacobian.shape[1] + NUISANCE * m
         meat *= m * n / max(m * n - unknowns, 1)
+        # At the solution the scores add up to zero: one block fewer is free to scatter.
+        count = len(triangles)
+        meat *= count / max(count - 1, 0.5)
         sandwich, white = bread @ meat @ bread, bread
         # Few blocks leave directions without any: there all share one ratio to white residuals.
         p = jacobian.shape[1]
         ratio = float(np.trace(factor @ bread @ meat @ bread @ factor.T)) / p
-        few = min(1.0, p / len(triangles))
+        few = min(1.0, p / count)
+        if few == 1.0:
+            # Nothing but the filter's own memory tells how far residuals are correlated.
+            ratio = max(ratio, self._correlation / 8)
         covariance = (1 - few) * sandwich + few * ratio * white
         return covariance, condition, weakest
