@@ -1,0 +1,65 @@
+"""A reduced run of the public benchmark: a few cases of every kind, the cheapest machines."""
+
+from __future__ import annotations
+
+import pytest
+
+from benchmarks.hidden_effects.cases import cases, right_labels
+from benchmarks.hidden_effects.score import score
+from benchmarks.hidden_effects.table import table
+
+CASES = {case.name: case for case in cases()}
+
+
+def test_the_benchmark_is_as_large_as_it_says():
+    groups = [case.group for case in CASES.values()]
+    assert groups.count("one") >= 200
+    assert groups.count("two") >= 30
+    assert groups.count("unknown") >= 20
+    assert len(groups) - sum(groups.count(g) for g in ("one", "two", "unknown")) >= 300
+    assert len({case.plant for case in CASES.values()}) >= 6
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "pendulum: QuadraticDrag@joint small",
+        "positioner: StribeckFriction@carriage small",
+        "oscillator: CoulombFriction@mass small",
+    ],
+)
+def test_a_hidden_effect_is_named_first(name):
+    case = CASES[name]
+    found = score(case)
+    assert not found.trouble
+    assert found.nats > 5
+    assert found.first in right_labels(case.plant, case.hidden[0])
+    assert found.over_floor < 2.0
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "oscillator: nothing, noise 13",
+        "positioner: nothing, disturbance 8",
+        "pendulum: nothing, poor excitation 2",
+        "pendulum: nothing, known bias 1",
+    ],
+)
+def test_nothing_is_added_where_nothing_is_missing(name):
+    found = score(CASES[name])
+    assert not found.trouble
+    assert (found.first, found.added) == ("", ())
+
+
+def test_a_force_in_no_library_is_not_called_complete():
+    found = score(CASES["pendulum: force of position times speed squared"])
+    assert found.nats > 5
+    assert found.verdict != "complete"
+
+
+def test_the_table_counts_shares_and_what_is_left_out():
+    seen = score(CASES["oscillator: nothing, noise 13"]).row()
+    text = table([seen, {**seen, "name": "other", "first": "Gain@F"}])
+    assert "| false additions, nothing missing | 50.0 % |" in text
+    assert "2 cases worked" in text
