@@ -137,7 +137,8 @@ class OnlineKalman(OnlineEstimator):
             return ctypes.c_void_p(array.ctypes.data)
 
         head = (2, substeps(self._h), ctypes.c_double(self._h))
-        tail = (at(self._u), at(self._y), at(self._p), len(self._p), at(places))
+        tail = (at(self._u), at(self._filter.ramps), at(self._y))
+        tail += (at(self._p), len(self._p), at(places))
         tail += (at(self._phi), at(self._q), at(none), at(r), at(self._z), at(self._covariance))
         tail += (at(self._v), at(self._s), at(self._means), at(self._spreads), at(scratch))
         self._head, self._tail = head, tail
