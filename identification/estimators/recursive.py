@@ -53,6 +53,7 @@ class Recursive(Estimator):
             sample_time=problem.sample_time,
             forgetting=self.forgetting,
             memory=self.memory,
+            ramps=[v.name in problem.measured_inputs for v in problem.dae.inputs],
             every=len(problem.time) + 1,
         )
         for inputs, outputs in zip(problem.inputs.tolist(), problem.outputs.tolist(), strict=True):

@@ -26,6 +26,7 @@ class StreamingRows:
         output_names: Measured channels, in the order of `push`.
         tau: Time constants τ1, τ2 of the output filter [s].
         sample_time: Between samples [s].
+        ramps: Which inputs run in straight lines between samples; others hold.
     """
 
     def __init__(
@@ -34,8 +35,10 @@ class StreamingRows:
         output_names: Sequence[str],
         tau: tuple[float, float],
         sample_time: float,
+        ramps: Sequence[bool] = (),
     ) -> None:
         self._h = sample_time
+        self._ramps = [k for k, ramp in enumerate(ramps) if ramp]
         self._positions = [
             _reading(regression, c.position.name, output_names) for c in regression.coordinates
         ]
@@ -155,6 +158,8 @@ class StreamingRows:
                 self._first = np.where(self._derived, start, 0.0)
             self._state[2, :count] = start - self._first
         before = [values[0], *last[1 : 1 + n_inputs], *values[1 + n_inputs :]]
+        for k in self._ramps:
+            before[1 + k] = values[1 + k]
         end = np.array(self._terms(before))
         assert self._first is not None
         self._state[3, :count] = end - self._first

@@ -41,6 +41,7 @@ class RecursiveFilter(OnlineEstimator):
         sample_time: Between samples [s].
         forgetting: Time over which old samples lose weight by 1/e [s]; None: they keep it.
         memory: Length of the window [s]; None: since the beginning.
+        ramps: Which inputs run in straight lines between samples; others hold.
         every: Samples between two solutions; in between the last one is held. Which parameters
             are seen, the equations' weights and the standard deviations are looked at anew
             whenever the samples have become an eighth more, and at least that often in a window.
@@ -68,10 +69,11 @@ class RecursiveFilter(OnlineEstimator):
         sample_time: float,
         forgetting: float | None = None,
         memory: float | None = None,
+        ramps: Sequence[bool] = (),
         every: int = 20,
     ) -> None:
         self.regression = regression
-        self._rows = StreamingRows(regression, output_names, tau, sample_time)
+        self._rows = StreamingRows(regression, output_names, tau, sample_time, ramps)
         m, k = len(regression.known), len(regression.columns)
         self._triangles = Triangles(
             m,

@@ -90,10 +90,10 @@ def filtered_rows(
 ) -> Rows:
     """Form every term as operator(φ2, 2) + operator(φ1, 1) + operator(φ0, 0).
 
-    States are straight lines between samples and inputs are held: a term is taken just after each
-    sample and, with the input still held, just before the next. A rate that is not recorded is
-    held too, at the slope of its coordinate over the interval: that is its mean there exactly,
-    whereas a central difference is wrong wherever the input jumps.
+    States are straight lines between samples; inputs are held, unless they were measured. A term is
+    taken just after each sample and, with the input still held, just before the next. A rate that
+    is not recorded is held too, at the slope of its coordinate over the interval: that is its mean
+    there exactly, whereas a central difference is wrong wherever the input jumps.
 
     Raises:
         DivergenceError: A term is not finite on this record.
@@ -102,7 +102,8 @@ def filtered_rows(
     present = {(2 - k, phi) for part in parts for k, phi in enumerate(part) if phi != 0}
     wanted = sorted(present, key=str)
     known = signals(regression, problem)
-    held = set(regression.inputs)
+    pairs = zip(regression.inputs, problem.dae.inputs, strict=True)
+    held = {symbol for symbol, v in pairs if v.name not in problem.measured_inputs}
     for coordinate in regression.coordinates:
         if coordinate.rate.name in regression.differenced:
             slope = np.diff(known[coordinate.position]) / problem.sample_time

@@ -142,6 +142,16 @@ def test_recursive_equals_batch(seed, tau1, tau2, n, outputs):
         assert ratio < 5 or n * 1e-3 < 40 * (tau1 + tau2)
 
 
+def test_measured_inputs_run_in_straight_lines_in_both():
+    problem = truth.replace(PENDULUM["theta",], measured_inputs=("tau",))
+    batch = FilteredLeastSquares(tau=TAU).estimate(problem)
+    recursive = Recursive(tau=TAU).estimate(problem)
+    held = FilteredLeastSquares(tau=TAU).estimate(PENDULUM["theta",])
+    for name, value in batch.values.items():
+        assert recursive.values[name] == pytest.approx(value, rel=1e-8)
+    assert held.values["J"] != pytest.approx(batch.values["J"], rel=1e-7)
+
+
 PENDULUM = {
     outputs: truth.pendulum_problem(6.0, 1e-3, outputs=outputs)
     for outputs in (("theta", "omega"), ("theta",))
