@@ -169,7 +169,9 @@ def bound_of_plan(problem: Problem, shooting: Shooting | None = None) -> Bound:
         >>> bound.sd["J"] < 0.01 * bound.values["J"]
         True
     """
-    compiled = shooting or Shooting(problem.dae, problem.output_names, problem.free)
+    compiled = shooting or Shooting(
+        problem.dae, problem.output_names, problem.free, measured_inputs=problem.measured_inputs
+    )
     window = Window(0, len(problem.time))
     return _bound(problem, compiled, (window,), start_of(problem, compiled)[None, :])
 
@@ -182,7 +184,9 @@ def bound_of_record(problem: Problem, horizon: float | None = 1.0) -> Bound:
         horizon: Length [s] of windows with an unknown initial state each, so that an unstable plant
             can be simulated; None: one initial state for the whole record.
     """
-    shooting = Shooting(problem.dae, problem.output_names, problem.free)
+    shooting = Shooting(
+        problem.dae, problem.output_names, problem.free, measured_inputs=problem.measured_inputs
+    )
     windows = cut(len(problem.time), problem.sample_time, horizon)
     p = shooting.parameter_vector(problem.values)
     inputs = shooting.inputs_with_delays(problem.inputs, problem.sample_time, p)

@@ -8,11 +8,13 @@ from enum import Enum
 
 import numpy as np
 
+from foundation.errors import DivergenceError, TwinproofError
 from identification.discovery.crossvalidation import Verdict, crossvalidate
 from identification.discovery.empirical import Proposal, propose
 from identification.discovery.evidence import Refit, refit_all
 from identification.discovery.extension import ExtendedModel
 from identification.discovery.innovation_scan import Opinion, adopt, second_opinion
+from identification.discovery.next_experiment import propose as propose_experiment
 from identification.discovery.scan import Scored, scan
 from identification.experiment import Experiment
 from identification.gauss_newton import Fit
@@ -142,9 +144,13 @@ def _with_disturbance(
 ) -> Diagnosis:
     """Diagnose by the innovations, beside an unknown disturbance at every input."""
     progress("asking again, with an unknown disturbance at the inputs")
-    opinion = second_opinion(model, experiment.problem, fit.values)
     if found is None:
         found = Diagnosis(Outcome.UNKNOWN_SHAPE, (), (), None, {}, {}, "")
+    try:
+        opinion = second_opinion(model, experiment.problem, fit.values)
+    except DivergenceError:
+        # A model that a filter cannot follow has no second opinion.
+        return found
     inputs = np.sqrt(np.mean(experiment.problem.inputs**2, axis=0))
     left = opinion.base if opinion.best is None else opinion.best.maximum
     share = max(d.sd / size for d, size in zip(left.disturbances, inputs, strict=True))
@@ -211,7 +217,7 @@ def _by_output_error(
         chosen,
         checks,
         {**scanned.skipped, **failed},
-        _next_experiment(ties),
+        _next_experiment(rivals, progress),
     )
     return diagnosis, refits
 
@@ -279,11 +285,13 @@ def _outcome(
     return Outcome.UNKNOWN_SHAPE
 
 
-def _next_experiment(ties: tuple[tuple[str, ...], ...]) -> str:
-    if not ties:
+def _next_experiment(rivals: tuple[Refit, ...], progress: Progress) -> str:
+    """Return what to record to tell rivals apart, and by how much."""
+    if not rivals:
         return ""
-    return (
-        "record the same motion at half and at twice the amplitude and speed: "
-        + ", ".join(ties[0])
-        + " change differently with them"
-    )
+    progress("looking for an experiment that tells " + ", ".join(r.addition.label for r in rivals))
+    try:
+        return propose_experiment(rivals[:_TRIALS]).text
+    except TwinproofError:
+        labels = ", ".join(r.addition.label for r in rivals)
+        return f"record the motion at half and at twice the size: {labels} may change differently"

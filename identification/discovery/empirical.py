@@ -111,7 +111,9 @@ def _over_record(
     bigger = extend(model.base, [*model.additions, addition], values=model.values)
     problem = transfer_problem(experiment.problem, bigger, fit.values, model)
     watched = bigger.parameter_of(addition, variable_of(addition.effect, model.base).name)
-    shooting = Shooting(problem.dae, (watched,), (), briefly=True)
+    shooting = Shooting(
+        problem.dae, (watched,), (), briefly=True, measured_inputs=problem.measured_inputs
+    )
     windows = experiment.windows
     x0 = transfer_states(problem, shooting, bigger, windows, experiment, model, fit.x0)
     p = shooting.parameter_vector(problem.values)

@@ -201,7 +201,12 @@ class _Probe:
             # The effect is a constant itself: all of it is what is missing.
             held = 0.0
             problem = problem.with_values({parameter: 0.0})
-        shooting = Shooting(problem.dae, problem.output_names, (parameter,))
+        shooting = Shooting(
+            problem.dae,
+            problem.output_names,
+            (parameter,),
+            measured_inputs=problem.measured_inputs,
+        )
         gain = float(characteristic(effect, {main: 1.0}, -1.0, 1.0).y[0])
         return cls(problem, shooting, parameter, held, gain, sd)
 
@@ -236,7 +241,9 @@ class _Probe:
     def tracks(self, found: _Constants, variable: str) -> tuple[Vector, ...]:
         """Return the probe's variable over each window, as the probed model moves."""
         name = f"{self.parameter.rpartition('.')[0]}.{variable}"
-        watched = Shooting(self.problem.dae, (name,), ())
+        watched = Shooting(
+            self.problem.dae, (name,), (), measured_inputs=self.problem.measured_inputs
+        )
         h = self.problem.sample_time
         tracks: list[Vector] = []
         for window, x0, value in zip(found.windows, found.x0, found.values, strict=True):
