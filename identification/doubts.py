@@ -31,8 +31,12 @@ def with_doubts(problem: Problem, estimate: Estimate) -> Estimate:
     return replace(estimate, warnings=tuple(dict.fromkeys(said)))
 
 
-def check_motion(problem: Problem) -> None:
+def check_motion(problem: Problem, where: str = "") -> None:
     """Refuse a record in which nothing that is measured changes.
+
+    Args:
+        problem: The record.
+        where: Where it comes from, for the message.
 
     Raises:
         ExcitationError: Every measured channel is constant.
@@ -40,6 +44,7 @@ def check_motion(problem: Problem) -> None:
     if np.all(np.ptp(problem.outputs, axis=0) == 0):
         raise ExcitationError(
             f"{', '.join(problem.output_names)}: constant over the whole record",
+            where=where,
             remedy="check that the right columns are mapped and the sensors' steps are finer than "
             "the motion, or record larger motion",
         )

@@ -12,10 +12,11 @@ import numpy as np
 from fmus.black_box import BlackBox, black_box
 from fmus.frontend import with_values
 from fmus.package import cached_fmu
-from foundation.errors import DivergenceError, UnsupportedModelError
+from foundation.errors import ChannelError, DivergenceError, UnsupportedModelError
 from identification.fmu_shooting import FmuShooting
-from identification.gauss_newton import Fit, fit
+from identification.gauss_newton import Fit, Part, fit_together
 from identification.prediction import WINDOW, Prediction, predict
+from identification.priors import NO_PRIORS, Prior
 from identification.problem import Matrix, Problem, Vector
 from identification.shooting import Shooting
 from identification.simulator import Simulator
@@ -95,29 +96,7 @@ class Experiment:
         Raises:
             DivergenceError: No stage stayed finite.
         """
-        current = dict(self.problem.values if values is None else {**self.problem.values, **values})
-        fits: list[Fit] = []
-        # Longer windows begin where shorter ones did, in the states found there.
-        known: dict[int, Vector] = {}
-        for share in stages:
-            windows = self.cut(share * WINDOW)
-            if fits and len(windows) == len(fits[-1].x0):
-                continue
-            x0 = self.guess(windows)
-            for k, window in enumerate(windows):
-                x0[k] = known.get(window.begin, x0[k])
-            found = fit(self.problem, self.shooting, windows, x0, current, fixed_sd=fixed_sd)
-            if np.isfinite(found.at.cost):
-                fits.append(found)
-                current = dict(found.values)
-                known = {w.begin: x for w, x in zip(windows, found.x0, strict=True)}
-        if not fits:
-            raise DivergenceError(
-                f"the simulation of {self.problem.dae.name} leaves the finite numbers from every "
-                "start",
-                remedy="give better starting values with --param",
-            )
-        return tuple(fits)
+        return fit_stages([self], values, fixed_sd=fixed_sd, stages=stages)
 
     def predict(
         self,
@@ -133,6 +112,69 @@ class Experiment:
     def on(self, problem: Problem) -> Experiment:
         """Return the same compiled model on another record."""
         return Experiment(problem, self.shooting)
+
+    def beside(self, problem: Problem) -> Experiment:
+        """Return another record of the same machine, with a model of its own if it needs one.
+
+        Raises:
+            ChannelError: It has other channels.
+        """
+        if problem.output_names != self.problem.output_names:
+            raise ChannelError(
+                f"the records have other channels ({', '.join(problem.output_names)} against "
+                f"{', '.join(self.problem.output_names)})",
+                remedy="map the same channels in all",
+            )
+        if problem.measured_inputs == self.problem.measured_inputs:
+            return self.on(problem)
+        return Experiment.of(problem, through_fmi=True)
+
+
+def fit_stages(
+    experiments: Sequence[Experiment],
+    values: Mapping[str, float] | None = None,
+    *,
+    fixed_sd: Vector | None = None,
+    priors: Mapping[str, Prior] = NO_PRIORS,
+    stages: Sequence[float] = STAGES,
+) -> tuple[Fit, ...]:
+    """Fit one model to one or several records, with windows of growing length.
+
+    Args:
+        experiments: Of the same model, with the same channels and free parameters.
+        values: To start from; what is not given is the first problem's.
+        fixed_sd: (channels of all records,) weights.
+        priors: What is known of parameters beforehand.
+        stages: Window lengths as shares of `WINDOW`.
+
+    Raises:
+        DivergenceError: No stage stayed finite.
+    """
+    problem = experiments[0].problem
+    current = {**problem.values, **(values or {})}
+    fits: list[Fit] = []
+    # Longer windows begin where shorter ones did, in the states found there.
+    known: dict[tuple[int, int], Vector] = {}
+    for share in stages:
+        parts = [Part(e.problem, e.shooting, e.cut(share * WINDOW)) for e in experiments]
+        begins = [(k, w.begin) for k, part in enumerate(parts) for w in part.windows]
+        if fits and len(begins) == len(fits[-1].x0):
+            continue
+        guesses = np.concatenate(
+            [e.guess(part.windows) for e, part in zip(experiments, parts, strict=True)]
+        )
+        x0 = np.array([known.get(at, x) for at, x in zip(begins, guesses, strict=True)])
+        found = fit_together(parts, x0, current, fixed_sd=fixed_sd, priors=priors)
+        if np.isfinite(found.at.cost):
+            fits.append(found)
+            current = dict(found.values)
+            known = dict(zip(begins, found.x0, strict=True))
+    if not fits:
+        raise DivergenceError(
+            f"the simulation of {problem.dae.name} leaves the finite numbers from every start",
+            remedy="give better starting values with --param",
+        )
+    return tuple(fits)
 
 
 def _compiled(problem: Problem) -> Path:

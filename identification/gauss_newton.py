@@ -4,6 +4,9 @@ The initial states are eliminated window by window (Schur complement), so the co
 linearly with the record. Levenberg–Marquardt damping in the parameters; weights per channel are
 the larger of the sensor's noise and the present misfit, so that a precise sensor does not drown the
 others while the model is still wrong (the concentrated Gaussian likelihood).
+
+Several records are fitted at once by stacking their windows: parameters are common, and each record
+keeps its own weights. Gaussian priors join as further rows.
 """
 
 from __future__ import annotations
@@ -14,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from identification.priors import NO_PRIORS, Prior, densities
 from identification.problem import Matrix, Problem, Vector
 from identification.simulator import Simulator
 from identification.windows import Window
@@ -28,28 +32,51 @@ _PROJECTED = 1e-9  # share of a parameter's information that must survive projec
 
 
 @dataclass(frozen=True)
+class Part:
+    """One record's share of a fit.
+
+    Attributes:
+        problem: Model and record.
+        shooting: Compiled with sensitivities for (at least) the free parameters.
+        windows: Over which to fit.
+    """
+
+    problem: Problem
+    shooting: Simulator
+    windows: Sequence[Window]
+
+
+@dataclass(frozen=True)
 class Linearised:
     """Weighted residuals and normal equations at one point, initial states eliminated.
 
+    Of several records, windows and channels follow one another, record by record.
+
     Attributes:
-        cost: Σ (residual/sd)², infinite if a window left the finite numbers.
+        cost: Σ (residual/sd)² and the priors' share; infinite if a window left the finite numbers.
         rms: (ny,) unweighted root-mean-square residual.
-        samples: Number of samples.
-        normal: (ns, ns) projected normal matrix.
+        counts: (ny,) samples of each channel.
+        normal: (ns, ns) projected normal matrix, priors included.
         raw: (ns,) diagonal of the normal matrix before projection.
         grams: Per window JᵀJ, (nx + ns, nx + ns), and Jᵀr.
         scores: (blocks, ns) sums of Jᵀr over short blocks, for honest covariances.
         residuals: Per window (n, ny) unweighted.
+        precision: (ns,) of the priors, 0 where there is none.
+        pull: (ns,) precision · (prior - value).
+        penalty: The priors' share of the cost.
     """
 
     cost: float
     rms: Vector
-    samples: int
+    counts: NDArray[np.intp]
     normal: Matrix
     raw: Vector
     grams: tuple[tuple[Matrix, Vector], ...]
     scores: Matrix
     residuals: tuple[Matrix, ...]
+    precision: Vector
+    pull: Vector
+    penalty: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -60,8 +87,8 @@ class Fit:
         values: Every independent parameter.
         free: The fitted ones, in the order of `covariance`.
         held: Of those, the ones that the data do not see, held at their start values.
-        x0: (windows, nx).
-        sd: (ny,) weights used last.
+        x0: (windows, nx), of several records one after the other.
+        sd: (ny,) weights used last, likewise.
         at: The linearisation at the solution.
         covariance: (k, k); rows of held parameters are infinite on the diagonal.
         condition_number: Of the scaled, projected Jacobian.
@@ -81,7 +108,8 @@ class Fit:
     @property
     def log_likelihood(self) -> float:
         """Gaussian log-likelihood of the residuals at the weights used, white noise assumed."""
-        return -0.5 * self.at.cost - self.at.samples * float(np.sum(np.log(self.sd)))
+        data = self.at.cost - self.at.penalty
+        return -0.5 * data - float(self.at.counts @ np.log(self.sd))
 
 
 def simulate(
@@ -161,12 +189,57 @@ def linearise(
     return Linearised(
         cost,
         np.sqrt(squares / samples),
-        samples,
+        np.full(len(sd), samples),
         normal,
         raw,
         tuple(grams),
         np.array(scores),
         tuple(residuals),
+        np.zeros(ns),
+        np.zeros(ns),
+    )
+
+
+def _linearise_all(
+    parts: Sequence[Part],
+    x0: Matrix,
+    values: Mapping[str, float],
+    sd: Vector,
+    priors: Mapping[str, Prior],
+) -> Linearised:
+    """Linearise several records and priors as one; x0 and sd run over all records."""
+    names = parts[0].shooting.sensitive
+    ns, window, channel = len(names), 0, 0
+    found: list[Linearised] = []
+    for part in parts:
+        ny, count = part.problem.outputs.shape[1], len(part.windows)
+        one = linearise(
+            part.problem,
+            part.shooting,
+            part.windows,
+            x0[window : window + count],
+            values,
+            sd[channel : channel + ny],
+        )
+        if not np.isfinite(one.cost):
+            return _diverged(len(sd), ns)
+        found.append(one)
+        window, channel = window + count, channel + ny
+    wanted, precision = (np.array(numbers, float) for numbers in densities(priors, names))
+    away = wanted - np.array([values[name] for name in names])
+    penalty = float(precision @ away**2)
+    return Linearised(
+        cost=sum(one.cost for one in found) + penalty,
+        rms=np.concatenate([one.rms for one in found]),
+        counts=np.concatenate([one.counts for one in found]),
+        normal=np.sum([one.normal for one in found], axis=0) + np.diag(precision),
+        raw=np.sum([one.raw for one in found], axis=0),
+        grams=tuple(gram for one in found for gram in one.grams),
+        scores=np.concatenate([one.scores for one in found]),
+        residuals=tuple(residual for one in found for residual in one.residuals),
+        precision=precision,
+        pull=precision * away,
+        penalty=penalty,
     )
 
 
@@ -180,10 +253,9 @@ def _eliminate(gram: Matrix, score: Vector, nx: int, damping: float) -> tuple[Ma
 
 
 def _diverged(ny: int, ns: int) -> Linearised:
-    nothing = np.zeros((ns, ns))
-    return Linearised(
-        np.inf, np.full(ny, np.inf), 0, nothing, np.zeros(ns), (), np.zeros((0, ns)), ()
-    )
+    nothing, zeros = np.zeros((ns, ns)), np.zeros(ns)
+    rms, counts = np.full(ny, np.inf), np.zeros(ny, np.intp)
+    return Linearised(np.inf, rms, counts, nothing, zeros, (), np.zeros((0, ns)), (), zeros, zeros)
 
 
 def weights(problem: Problem, rms: Vector) -> Vector:
@@ -193,6 +265,14 @@ def weights(problem: Problem, rms: Vector) -> Vector:
     """
     largest = np.max(np.abs(problem.outputs), axis=0)
     return np.fmax(np.fmax(problem.noise_sd, rms), _DIGITS * np.where(largest > 0, largest, 1.0))
+
+
+def _weights_of_all(parts: Sequence[Part], rms: Vector) -> Vector:
+    """Return the weights of every record's channels, one record after the other."""
+    edges = np.cumsum([part.problem.outputs.shape[1] for part in parts])[:-1]
+    return np.concatenate(
+        [weights(part.problem, own) for part, own in zip(parts, np.split(rms, edges), strict=True)]
+    )
 
 
 @dataclass(frozen=True)
@@ -230,32 +310,64 @@ def fit(
     Returns:
         The best point found. If even the start diverges, `at.cost` is infinite.
     """
-    names = shooting.sensitive
+    return fit_together(
+        [Part(problem, shooting, windows)],
+        x0,
+        values,
+        free=free,
+        fixed_sd=fixed_sd,
+        iterations=iterations,
+        tolerance=tolerance,
+    )
+
+
+def fit_together(
+    parts: Sequence[Part],
+    x0: Matrix,
+    values: Mapping[str, float],
+    *,
+    free: Sequence[str] | None = None,
+    fixed_sd: Vector | None = None,
+    priors: Mapping[str, Prior] = NO_PRIORS,
+    iterations: int = 30,
+    tolerance: float = 1e-7,
+) -> Fit:
+    """Fit parameters common to several records, and every window's initial state.
+
+    Args:
+        parts: One for each record; of the same model, with the same channels.
+        x0: (windows of all records, nx) initial states to start from.
+        values: As in `fit`, like the other arguments.
+        free: Parameters to fit.
+        fixed_sd: (channels of all records,) weights.
+        priors: What is known of parameters beforehand.
+        iterations: At most this many accepted steps.
+        tolerance: Relative decrease of the cost below which it has converged.
+    """
+    names = parts[0].shooting.sensitive
     chosen = np.array([name in (free if free is not None else names) for name in names], bool)
-    low, high = _bounds(problem, names)
-    sd = fixed_sd if fixed_sd is not None else weights(problem, np.std(problem.outputs, axis=0))
-    point = _Point(dict(values), x0, linearise(problem, shooting, windows, x0, values, sd))
+    low, high = _bounds(parts[0].problem, names)
+    spread = np.concatenate([np.std(part.problem.outputs, axis=0) for part in parts])
+    sd = fixed_sd if fixed_sd is not None else _weights_of_all(parts, spread)
+    point = _Point(dict(values), x0, _linearise_all(parts, x0, values, sd, priors))
     if not np.isfinite(point.at.cost):
         return _finish(names, chosen, point, sd, converged=False)
     converged, damping = False, 1e-4
     for _ in range(iterations):
         if fixed_sd is None:
-            new_sd = weights(problem, point.at.rms)
+            new_sd = _weights_of_all(parts, point.at.rms)
             if np.any(np.abs(new_sd - sd) > 1e-3 * sd):
                 sd = new_sd
-                point = _Point(
-                    point.values,
-                    point.x0,
-                    linearise(problem, shooting, windows, point.x0, point.values, sd),
-                )
-        step = _step(problem, shooting, windows, names, chosen, point, sd, damping, low, high)
+                at = _linearise_all(parts, point.x0, point.values, sd, priors)
+                point = _Point(point.values, point.x0, at)
+        step = _step(parts, priors, chosen, point, sd, damping, low, high)
         if step is None:
             converged = True
             break
         new, damping = step
         drop = (point.at.cost - new.at.cost) / max(point.at.cost, 1e-300)
         moved_sd = fixed_sd is None and bool(
-            np.any(np.abs(weights(problem, new.at.rms) - sd) > 1e-3 * sd)
+            np.any(np.abs(_weights_of_all(parts, new.at.rms) - sd) > 1e-3 * sd)
         )
         point = new
         if drop < tolerance and not moved_sd:
@@ -272,16 +384,14 @@ def _bounds(problem: Problem, names: Sequence[str]) -> tuple[Vector, Vector]:
 
 
 def seen(at: Linearised) -> NDArrayBool:
-    """Return which parameters the data see, given that initial states are free."""
+    """Return which parameters the data (or a prior) see, given that initial states are free."""
     diagonal = np.diag(at.normal)
-    return (diagonal > _PROJECTED * at.raw) & (at.raw > 0)
+    return ((diagonal > _PROJECTED * at.raw) & (at.raw > 0)) | (at.precision > 0)
 
 
 def _step(
-    problem: Problem,
-    shooting: Simulator,
-    windows: Sequence[Window],
-    names: Sequence[str],
+    parts: Sequence[Part],
+    priors: Mapping[str, Prior],
     chosen: NDArrayBool,
     point: _Point,
     sd: Vector,
@@ -290,12 +400,12 @@ def _step(
     high: Vector,
 ) -> tuple[_Point, float] | None:
     """Take one damped step that lowers the cost; None if there is none."""
+    names, nx = parts[0].shooting.sensitive, parts[0].shooting.nx
     theta = np.array([point.values[name] for name in names])
     active = chosen & seen(point.at)
-    nx = shooting.nx
     for _ in range(14):
         # Damping holds back the initial states too: friction at rest is as nonlinear in them.
-        normal, gradient = np.zeros_like(point.at.normal), np.zeros(len(names))
+        normal, gradient = np.diag(point.at.precision), point.at.pull.copy()
         back: list[tuple[Matrix, Vector]] = []
         for gram, score in point.at.grams:
             weight, shift = _eliminate(gram, score, nx, damping)
@@ -315,7 +425,7 @@ def _step(
         delta = new_theta - theta
         new_x0 = np.array([x + w0 - w @ delta for x, (w, w0) in zip(point.x0, back, strict=True)])
         new_values = {**point.values, **dict(zip(names, new_theta.tolist(), strict=True))}
-        at = linearise(problem, shooting, windows, new_x0, new_values, sd)
+        at = _linearise_all(parts, new_x0, new_values, sd, priors)
         if at.cost < point.at.cost:
             return _Point(new_values, new_x0, at), max(damping / 10, 1e-12)
         damping = max(damping * 10, 1e-9)
@@ -357,7 +467,7 @@ def covariance_of(at: Linearised, index: NDArray[np.intp]) -> tuple[Matrix, floa
     has an initial state of its own, so what correlates within a window does not reach the next. Too
     few windows for that are cut into short blocks. In no direction is the result narrower than what
     white noise of the present size would make it, and a combination that the data do not determine
-    has a variance beyond all others.
+    has a variance beyond all others. A prior counts as an observation of the variance it states.
     """
     normal = at.normal[np.ix_(index, index)]
     scale = np.sqrt(np.diag(normal))
@@ -368,14 +478,20 @@ def covariance_of(at: Linearised, index: NDArray[np.intp]) -> tuple[Matrix, floa
     k, nx = len(index), len(at.grams[0][1]) - len(at.raw)
     per_window = np.array([_projected(gram, score, nx) for gram, score in at.grams])
     scores = per_window if len(per_window) > k else at.scores
-    # In the coordinates of `root`, white noise of unit size has the covariance I.
-    whitened = (scores[:, index] / scale) @ root
+    # In the coordinates of `root`, the data and the priors add up to the information I.
+    # At the solution the data's scores add up to what holds against the priors' pull.
+    centred = scores[:, index] + at.pull[index] / len(scores)
+    whitened = (centred / scale) @ root
     spread = whitened.T @ whitened * (len(scores) / max(len(scores) - k, 1))
-    freedom = at.samples * len(at.rms) - k - nx * len(at.grams)
-    white = at.cost / max(freedom, 1)
-    sizes, directions = np.linalg.eigh(spread)
-    half = root @ (directions * np.sqrt(np.fmax(sizes, white))) / scale[:, None]
-    return half @ half.T, condition
+    freedom = int(np.sum(at.counts)) - k - nx * len(at.grams)
+    white = (at.cost - at.penalty) / max(freedom, 1)
+    prior = (root.T * (at.precision[index] / scale**2)) @ root
+    least = white * (np.eye(k) - prior)
+    sizes, directions = np.linalg.eigh(spread - least)
+    more = (directions * np.fmax(sizes, 0.0)) @ directions.T
+    half = root / scale[:, None]
+    covariance = half @ (least + more + prior) @ half.T
+    return (covariance + covariance.T) / 2, condition
 
 
 def _projected(gram: Matrix, score: Vector, nx: int) -> Vector:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -26,9 +26,11 @@ from identification.discovery.ladder import Improvement
 from identification.doubts import check_motion, with_doubts
 from identification.estimate import Estimate
 from identification.estimators import estimator
+from identification.estimators.output_error import OutputError
 from identification.estimators.start import best_start
 from identification.experiment import Experiment
 from identification.prediction import choose_horizon
+from identification.priors import Prior
 from identification.problem import Problem, match
 from recordings import Recording
 from recordings import load as load_recording
@@ -128,55 +130,154 @@ def horizon_of(horizon: Horizon, experiment: Experiment) -> float | None:
 
 
 @dataclass(frozen=True)
-class Identified:
-    """The outcome of `identify`."""
+class FittedRecord:
+    """One of the records of `identify`, and how the fitted model does on it.
 
+    Attributes:
+        origin: Where the record comes from.
+        problem: Model and record, with the fitted values.
+        comparison: Errors, and where the model fails.
+        horizon: Window length [s]; None for the free simulation.
+    """
+
+    origin: str
     problem: Problem
-    estimate: Estimate
     comparison: Comparison
     horizon: float | None
 
 
+@dataclass(frozen=True)
+class Identified:
+    """The outcome of `identify`.
+
+    Attributes:
+        estimate: The fitted parameters.
+        records: Every record fitted, in the order given.
+    """
+
+    estimate: Estimate
+    records: tuple[FittedRecord, ...]
+
+    @property
+    def problem(self) -> Problem:
+        """Of the first record."""
+        return self.records[0].problem
+
+    @property
+    def comparison(self) -> Comparison:
+        """Of the first record."""
+        return self.records[0].comparison
+
+    @property
+    def horizon(self) -> float | None:
+        """Of the first record."""
+        return self.records[0].horizon
+
+
 def identify(
     model: Model,
-    recording: Recording,
+    recording: Recording | Sequence[Recording],
     *,
     method: str = "auto",
     free: Collection[str] | None = None,
     parameters: Mapping[str, float] | None = None,
     horizon: Horizon = "auto",
+    priors: Mapping[str, tuple[float, float]] | None = None,
 ) -> Identified:
-    """Fit a model's parameters to a recording.
+    """Fit a model's parameters to one recording, or to several of one machine at once.
 
     Args:
         model: The model.
-        recording: From `read_recording`.
+        recording: From `read_recording`; several share the parameters and keep their own initial
+            states and weights, which is output error's (and `auto`'s) to do.
         method: A word of `identification.estimators.ESTIMATORS`.
         free: What to fit; None: everything tunable that is not declared known.
         parameters: Starting values, and values of what is held.
         horizon: For the errors reported, as in `compare`.
+        priors: What is known of fitted parameters beforehand, (value, standard deviation); again
+            for output error. The fit starts there unless `parameters` says otherwise.
 
     Raises:
         InputError: See `compare`; an estimator that does not suit the model says so.
+        ChannelError: Several records have not the same channels.
         DivergenceError: No start led anywhere.
+
+    Example:
+        >>> from recordings import Channel
+        >>> def pushed(volts):
+        ...     t = np.arange(100) * 0.01
+        ...     q = volts * (t + 0.5 * np.expm1(-2 * t)) / 6
+        ...     channels = (Channel("vir", np.full(100, volts)), Channel("q", q))
+        ...     return Recording(t, {c.name: c for c in channels})
+        >>> model = Model.of("Twinproof.Plants.Positioner")
+        >>> found = identify(model, [pushed(1.0), pushed(-1.0)], priors={"M": (95.0, 1.0)})
+        >>> len(found.records), found.estimate.method
+        (2, 'output-error')
     """
-    chosen = estimator(method)
-    problem = match(model.dae, recording, free=free, values=parameters)
+    recordings = [recording] if isinstance(recording, Recording) else list(recording)
+    if not recordings:
+        raise InputError("there is no recording", where="DATA", remedy="give at least one")
+    known = {name: Prior(*numbers) for name, numbers in (priors or {}).items()}
+    together = len(recordings) > 1 or bool(known)
+    chosen = _for_output_error(method, known) if together else estimator(method)
+    values = {**{name: prior.value for name, prior in known.items()}, **(parameters or {})}
+    problems = [match(model.dae, r, free=free, values=values) for r in recordings]
+    problem = problems[0]
     if not problem.free:
         raise InputError(
             f"{model.word} has no parameter to fit",
             where="MODEL",
             remedy="declare one tunable, or name it with --free",
         )
-    check_motion(problem)
-    estimate = with_doubts(problem, chosen.estimate(problem))
-    fitted = problem.with_values(estimate.values)
-    experiment = Experiment.of(fitted, through_fmi=True)
-    length = horizon_of(horizon, experiment)
-    prediction = experiment.predict(fitted.values, length)
-    return Identified(
-        fitted, estimate, comparison.compare(fitted, experiment.shooting, prediction), length
-    )
+    for r, p in zip(recordings, problems, strict=True):
+        check_motion(p, r.origin)
+    if isinstance(chosen, OutputError):
+        _refuse_copies(recordings, problems)
+        estimate = chosen.estimate_together(problems)
+    else:
+        estimate = chosen.estimate(problem)
+    for p in problems:
+        estimate = with_doubts(p, estimate)
+    first = Experiment.of(problem.with_values(estimate.values), through_fmi=True)
+    records: list[FittedRecord] = []
+    for r, p in zip(recordings, problems, strict=True):
+        experiment = first.beside(p.with_values(estimate.values))
+        length = horizon_of(horizon, experiment)
+        fitted = experiment.problem
+        prediction = experiment.predict(fitted.values, length)
+        compared = comparison.compare(fitted, experiment.shooting, prediction)
+        records.append(FittedRecord(r.origin, fitted, compared, length))
+    return Identified(estimate, tuple(records))
+
+
+def _for_output_error(method: str, priors: Mapping[str, Prior]) -> OutputError:
+    """Return output error for what only it can do.
+
+    Raises:
+        InputError: Another method is asked for.
+    """
+    estimator(method)  # is there such a method at all?
+    if method not in ("auto", OutputError.method):
+        raise InputError(
+            f"{method} takes one recording, and no priors",
+            where="--method",
+            remedy=f"use --method {OutputError.method}, or leave out --also and --prior",
+        )
+    return OutputError(priors=priors)
+
+
+def _refuse_copies(recordings: Sequence[Recording], problems: Sequence[Problem]) -> None:
+    seen: set[str] = set()
+    for recording, problem in zip(recordings, problems, strict=True):
+        mark = fingerprint(problem)
+        if mark in seen:
+            raise InputError(
+                "the same record is given twice",
+                where=recording.origin,
+                remedy="give each once: a copy tells nothing new, and standard deviations would "
+                "come out too small",
+            )
+        seen.add(mark)
 
 
 @dataclass(frozen=True)

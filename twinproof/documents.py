@@ -98,7 +98,24 @@ def identified(result: Identified) -> Document:
             "condition_number": result.estimate.condition_number,
             "channels": channels(result.comparison),
             "horizon": horizon_word(result.horizon),
-            "warnings": [*result.estimate.warnings, *result.problem.notes],
+            "records": [
+                {
+                    "data": record.origin,
+                    "samples": len(record.problem.time),
+                    "channels": channels(record.comparison),
+                    "nrmse": record.comparison.nrmse,
+                    "horizon": horizon_word(record.horizon),
+                }
+                for record in result.records
+            ],
+            "warnings": list(
+                dict.fromkeys(
+                    [
+                        *result.estimate.warnings,
+                        *(note for record in result.records for note in record.problem.notes),
+                    ]
+                )
+            ),
         },
     )
 

@@ -6,8 +6,8 @@ inputs known it is unbiased in closed loop as well, and it needs no measurement 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import ClassVar
 
@@ -15,11 +15,14 @@ import numpy as np
 
 from identification.estimate import Estimate, ParameterEstimate
 from identification.estimators.base import Estimator
-from identification.experiment import Experiment
+from identification.experiment import Experiment, fit_stages
 from identification.gauss_newton import Fit
+from identification.priors import NO_PRIORS, Prior, check_priors
 from identification.problem import Problem
 
 _ILL_CONDITIONED = 1e6
+_DOMINANT = 0.9  # of a prior's sd that, if it is left, says that the record added nothing
+_CONTRADICTED = 4.0  # standard deviations
 NOT_CONVERGED = "the fit stopped before it converged: give better starting values with --param"
 
 
@@ -29,16 +32,71 @@ class OutputError(Estimator):
 
     Args:
         start: Values to start from; None for those of the problem.
+        priors: What is known of fitted parameters beforehand.
     """
 
     method: ClassVar[str] = "output-error"
     start: Mapping[str, float] | None = None
+    priors: Mapping[str, Prior] = field(default_factory=lambda: NO_PRIORS)
 
     def estimate(self, problem: Problem) -> Estimate:
         """Fit the free parameters and every window's initial state."""
-        experiment = Experiment.of(problem, through_fmi=True)
-        fit = experiment.fit_stages(self.start)[-1]
-        return estimate_of(problem, fit, self.method)
+        return self.estimate_together([problem])
+
+    def estimate_together(self, problems: Sequence[Problem]) -> Estimate:
+        """Fit parameters common to several records of one machine; each has its own weights.
+
+        Args:
+            problems: Of the same model, with the same channels and free parameters.
+
+        Raises:
+            ChannelError: The records have not the same channels.
+            InputError: A prior is of no fitted parameter, or outside its range.
+        """
+        first, *others = problems
+        check_priors(first, self.priors)
+        experiment = Experiment.of(first, through_fmi=True)
+        experiments = [experiment, *(experiment.beside(other) for other in others)]
+        fit = fit_stages(experiments, self.start, priors=self.priors)[-1]
+        estimate = estimate_of(first, fit, self.method)
+        doubtful = [*_dominated(estimate, self.priors), *_contradicted(fit, self.priors)]
+        return replace(estimate, warnings=(*estimate.warnings, *doubtful))
+
+
+def _dominated(estimate: Estimate, priors: Mapping[str, Prior]) -> list[str]:
+    """Return which values are their priors', more or less."""
+    return [
+        f"{name} is known from its prior, not from the record (standard deviation "
+        f"{estimate.parameters[name].sd:.3g} after, {prior.sd:.3g} before): excite what it acts on"
+        for name, prior in priors.items()
+        if estimate.parameters[name].sd > _DOMINANT * prior.sd
+    ]
+
+
+def _contradicted(fit: Fit, priors: Mapping[str, Prior]) -> list[str]:
+    """Return which priors cannot be right.
+
+    A prior (m, p²) and what all else says (z, v²) differ by z - m with variance v² + p². In terms
+    of the posterior (x, s²) the squared ratio is (x - m)²/(p² - s²).
+    """
+    index = [k for k, name in enumerate(fit.free) if name not in fit.held]
+    normal = fit.at.normal[np.ix_(index, index)]
+    scale = np.sqrt(np.diag(normal))
+    variances = np.diag(np.linalg.pinv(normal / np.outer(scale, scale))) / scale**2
+    found: list[str] = []
+    for k, variance in zip(index, variances.tolist(), strict=True):
+        name = fit.free[k]
+        prior = priors.get(name)
+        if prior is None:
+            continue
+        left = max(1.0 - variance * prior.precision, 1e-9)
+        distance = abs(fit.values[name] - prior.value) / (prior.sd * np.sqrt(left))
+        if distance > _CONTRADICTED:
+            found.append(
+                f"the prior of {name} and the record contradict each other ({distance:.0f} "
+                "standard deviations apart): the prior, the model or a channel's unit is wrong"
+            )
+    return found
 
 
 def estimate_of(problem: Problem, fit: Fit, method: str) -> Estimate:

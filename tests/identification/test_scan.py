@@ -100,7 +100,7 @@ def test_nothing_hidden_gains_no_more_than_chance():
     """The gain of one parameter is chi-square with one degree of freedom; the best of 30 stays
     below 16 but once in 500."""
     _, base, found = scanned("nothing")
-    scale = base.at.cost / base.at.samples
+    scale = base.at.cost / base.at.counts[0]
     assert max(s.gain for s in found.scored) / scale < 16
 
 

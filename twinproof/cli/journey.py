@@ -21,10 +21,12 @@ from twinproof.cli.options import (
     journey,
     json_option,
     modelica_path_option,
+    parse_priors,
     report_option,
 )
 from twinproof.model import Model
 from twinproof.report import write_comparison, write_diagnosis, write_identification
+from twinproof.report.comparison import error_sentence
 from twinproof.results import write_improvement
 
 SAID = {
@@ -69,26 +71,52 @@ def compare(request: Request, horizon: str, report_dir: Path | None) -> None:
     metavar="M",
     help="One of: " + ", ".join(ESTIMATORS) + ".",
 )
+@click.option(
+    "--also",
+    multiple=True,
+    metavar="DATA2",
+    help="A further record of the same machine, fitted at once (output error); may be repeated.",
+)
+@click.option(
+    "--prior",
+    "priors",
+    multiple=True,
+    metavar="NAME=VALUE±SD",
+    help="What is known of a fitted parameter, also written NAME=VALUE,SD (output error); may be "
+    "repeated.",
+)
 @horizon_option
 @report_option
-def identify(request: Request, method: str, horizon: str, report_dir: Path | None) -> None:
+def identify(
+    request: Request,
+    method: str,
+    also: tuple[str, ...],
+    priors: tuple[str, ...],
+    horizon: str,
+    report_dir: Path | None,
+) -> None:
     """Fit MODEL's parameters to DATA, with standard deviations.
 
     \b
     Example:
       twinproof identify Twinproof.Plants.Positioner emps --method output-filter
+      twinproof identify Twinproof.Plants.Positioner emps --also emps-pulses --prior M=95±2
     """
     output = request.output
     result = api.identify(
         request.model,
-        request.recording,
+        [request.recording, *map(request.read, also)],
         method=method,
         free=request.free,
         parameters=request.parameters,
         horizon=horizon,
+        priors=parse_priors(priors),
     )
     output.console.print(tables.parameters(result.estimate))
-    output.console.print(tables.channels(result.comparison, result.horizon))
+    for record in result.records:
+        if also:
+            output.console.print(record.origin, markup=False, soft_wrap=True)
+        output.console.print(tables.channels(record.comparison, record.horizon))
     for warning in result.estimate.warnings:
         output.note(f"warning: {warning}")
     if report_dir is not None:
@@ -98,6 +126,11 @@ def identify(request: Request, method: str, horizon: str, report_dir: Path | Non
             result.problem,
             report_dir / "report.html",
             command=command_line(),
+            notes=[
+                f"Fitted at once with {record.origin}. "
+                + error_sentence(record.problem, record.comparison)
+                for record in result.records[1:]
+            ],
         )
     output.document(documents.identified(result))
 

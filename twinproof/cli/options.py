@@ -95,6 +95,35 @@ def parse_params(params: tuple[str, ...]) -> dict[str, float]:
     return values
 
 
+def parse_priors(words: tuple[str, ...]) -> dict[str, tuple[float, float]]:
+    """Read `K=V±SD` or `K=V,SD` words.
+
+    Raises:
+        InputError: A word is not of that form, or names a parameter a second time.
+
+    Example:
+        >>> parse_priors(("M=95±0.5", "d=0.1,0.02"))
+        {'M': (95.0, 0.5), 'd': (0.1, 0.02)}
+    """
+    priors: dict[str, tuple[float, float]] = {}
+    for word in words:
+        name, _, numbers = word.partition("=")
+        try:
+            value, sd = (float(number) for number in numbers.replace("±", ",").split(","))
+        except ValueError:
+            raise InputError(
+                f"'{word}' is not NAME=VALUE±SD",
+                where="--prior",
+                remedy="write it like M=95.1±0.5 or M=95.1,0.5",
+            ) from None
+        if name in priors:
+            raise InputError(
+                f"two priors of {name}", where="--prior", remedy="give one for each parameter"
+            )
+        priors[name] = (value, sd)
+    return priors
+
+
 def parse_names(text: str | None) -> tuple[str, ...] | None:
     """Read a comma-separated list; None stays None."""
     if text is None:
