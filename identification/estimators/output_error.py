@@ -22,6 +22,7 @@ from identification.problem import Problem
 
 _ILL_CONDITIONED = 1e6
 _DOMINANT = 0.9  # of a prior's sd that, if it is left, says that the record added nothing
+_WIDER = 1.1  # of a prior's sd: no record can take away from it, only a wrong model
 _CONTRADICTED = 4.0  # standard deviations
 NOT_CONVERGED = "the fit stopped before it converged: give better starting values with --param"
 
@@ -64,13 +65,22 @@ class OutputError(Estimator):
 
 
 def _dominated(estimate: Estimate, priors: Mapping[str, Prior]) -> list[str]:
-    """Return which values are their priors', more or less."""
-    return [
-        f"{name} is known from its prior, not from the record (standard deviation "
-        f"{estimate.parameters[name].sd:.3g} after, {prior.sd:.3g} before): excite what it acts on"
-        for name, prior in priors.items()
-        if estimate.parameters[name].sd > _DOMINANT * prior.sd
-    ]
+    """Return which values are their priors', more or less, or no better than these."""
+    found: list[str] = []
+    for name, prior in priors.items():
+        sd = estimate.parameters[name].sd
+        change = f"(standard deviation {sd:.3g} after, {prior.sd:.3g} before)"
+        if sd > _WIDER * prior.sd:
+            found.append(
+                f"{name} is less certain than its prior {change}: the residuals have memory, so "
+                "the model lacks something; try diagnose, or hold it: --param, and not in --free"
+            )
+        elif sd > _DOMINANT * prior.sd:
+            found.append(
+                f"{name} is known from its prior, not from the record {change}: excite what it "
+                "acts on"
+            )
+    return found
 
 
 def _contradicted(fit: Fit, priors: Mapping[str, Prior]) -> list[str]:

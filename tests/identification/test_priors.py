@@ -1,5 +1,6 @@
 """Priors against the posterior of a plant that is linear in its parameters, in closed form."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -124,6 +125,16 @@ def test_a_prior_that_dominates_is_said():
     (warning,) = estimate.warnings
     assert warning.startswith("b is known from its prior, not from the record")
     assert estimate.parameters["b"].sd == pytest.approx(0.1, rel=0.1)
+
+
+def test_residuals_with_memory_that_outvote_a_prior_are_said():
+    """A drift of the level that no input explains: sure of itself as white noise, and wrong."""
+    given = record(1)
+    drift = np.cumsum(np.random.default_rng(5).standard_normal((SAMPLES, 1)), axis=0)
+    wandering = replace(given, outputs=given.outputs + 0.02 * drift)
+    estimate = OutputError(priors={"a": Prior(0.8, 0.02)}).estimate(wandering)
+    assert estimate.parameters["a"].sd > 0.022
+    assert any(w.startswith("a is less certain than its prior") for w in estimate.warnings)
 
 
 def test_a_prior_that_the_record_contradicts_is_said():
