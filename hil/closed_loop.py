@@ -1,8 +1,9 @@
 """Plant and controller without a bus, as fast as they go: for studies of thousands of runs.
 
 The timing is that of the loop over the bus: the answer to the sensors of one cycle acts from the
-next cycle on. A law in Python is called once a period, all else is compiled; a controller FMU runs
-together with the plant in the compiled master, and Python sees only the end.
+next cycle on, or, if asked for, at once. A law in Python is called once a period, all else is
+compiled; a controller FMU runs together with the plant in the compiled master, and Python sees only
+the end.
 """
 
 from __future__ import annotations
@@ -89,6 +90,8 @@ class ClosedLoop:
         signals: Signals,
         step: float,
         cycles: int,
+        *,
+        at_once: bool = False,
     ) -> dict[str, Array]:
         """Run from the start; return outputs, inputs as applied, and `command.<input>`.
 
@@ -100,6 +103,7 @@ class ClosedLoop:
             signals: At the cycles.
             step: Of a cycle [s].
             cycles: How many.
+            at_once: The answer to a cycle's sensors acts in that very cycle.
 
         Raises:
             FmuError: The plant or the controller FMU fails.
@@ -115,18 +119,25 @@ class ClosedLoop:
             )
         self.plant.reset(parameters)
         controller.start()
-        if isinstance(controller, FmuController) and every == 1 and _can_compile(controller):
+        compiled = every == 1 and not at_once
+        if compiled and isinstance(controller, FmuController) and _can_compile(controller):
             return self._compiled(controller, parameters, signals, step, cycles)
         collects = gc.isenabled()
         gc.disable()  # a cycle makes tuples and no rings, and collecting takes half the time
         try:
-            return self._interpreted(controller, signals, step, cycles, every)
+            return self._interpreted(controller, signals, step, cycles, every, at_once)
         finally:
             if collects:
                 gc.enable()
 
     def _interpreted(
-        self, controller: Controller, signals: Signals, step: float, cycles: int, every: int
+        self,
+        controller: Controller,
+        signals: Signals,
+        step: float,
+        cycles: int,
+        every: int,
+        at_once: bool = False,
     ) -> dict[str, Array]:
         m, p = len(self.inputs), len(self.outputs)
         applied, found = np.zeros((cycles + 1, m)), np.zeros((cycles + 1, p))
@@ -148,6 +159,7 @@ class ClosedLoop:
         answer = answers[0]
         act, fixed = controller.step, any(grid)
         first, done = places[0], cycles
+        late = 0 if at_once else 1
         for k in range(cycles):
             tick_from = k * p
             if k % every == 0:
@@ -156,14 +168,17 @@ class ClosedLoop:
                     seen = [q * round(v / q) if q else v for v, q in zip(seen, grid, strict=True)]
                 answer = act(k * step, seen, references[k])
             answers.append(answer)
-            tick(k)
-            base = (k + 1) * m
+            if late:
+                tick(k)
+            base = (k + late) * m
             for j, value in zip(targets, answer, strict=True):
                 u[base + j] += value
+            if not late:
+                tick(k)
             if not -_RUNAWAY < y[tick_from + first] < _RUNAWAY:
                 done = k
                 break
-        commands[:, targets] = _padded(answers, cycles)
+        commands[:, targets] = _padded(answers[1 - late :], cycles)
         return self._columns(found[:done], applied[:done], commands[:done])
 
     def _compiled(
@@ -283,7 +298,7 @@ def _rows(
 
 
 def _padded(answers: list[Sequence[float]], cycles: int) -> Array:
-    """Return the commands in force at each cycle: the answer to the cycle before."""
+    """Return the commands in force at each cycle, the last one to the end."""
     table = np.array(answers[:cycles], float)
     rest = np.repeat(table[-1:], cycles - len(table), axis=0)
     return np.vstack([table, rest])

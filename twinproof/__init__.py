@@ -10,6 +10,7 @@ Example:
 from __future__ import annotations
 
 from foundation.errors import TwinproofError
+from hil.prediction import LoopPrediction, predict_loop
 from hil.rig import HilResult, run_scenario
 from hil.scenario import Scenario, read_scenario
 from hil.study import Study, read_study
@@ -30,6 +31,7 @@ __all__ = [
     "Estimate",
     "HilResult",
     "Improvement",
+    "LoopPrediction",
     "Model",
     "Outcome",
     "ParameterEstimate",
@@ -45,6 +47,7 @@ __all__ = [
     "extend",
     "identify",
     "improve",
+    "predict_loop",
     "read_recording",
     "read_scenario",
     "read_study",

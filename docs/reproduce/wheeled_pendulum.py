@@ -17,8 +17,9 @@ from matplotlib.axes import Axes
 
 from docs.reproduce.page import Page, curve
 from examples import make_demo_recording as truth
-from fmus.plant import Plant
 from fmus.running import model_fmu
+from hil.closed_loop import ClosedLoop, Signals
+from hil.controllers import PID
 from identification.estimators import ESTIMATORS, FilteredLeastSquares
 from identification.output_filter import OutputFilter
 from identification.problem import match
@@ -350,24 +351,23 @@ class Loop:
 
 def closed_loop(x: Sequence[float], command: Callable[[float], float]) -> Loop:
     """Run the model with parameters X under the paper's controller."""
-    n = 20_001
-    states, volts = np.empty((n, 4)), np.empty(n)
-    integral = smooth = 0.0
+    time = np.arange(20_001) * truth.STEP
+    wanted = np.array([command(t) for t in time.tolist()])
+    law = PID(
+        measured=("theta_p",),
+        commanded=("V",),
+        period=truth.STEP,
+        proportional=truth.PROPORTIONAL,
+        integral=truth.INTEGRAL,
+        derivative=truth.DERIVATIVE,
+        bandwidth=truth.DERIVATIVE_BANDWIDTH,
+    )
     values = dict(zip(NAMES, map(float, x), strict=True))
+    signals = Signals({"theta_p": wanted}, {}, {})
+    with ClosedLoop(model_fmu(MODEL)) as loop:
+        found = loop.run(law, values, signals, truth.STEP, len(time), at_once=True)
     order = ("theta_w", "theta_p", "omega_w", "omega_p")
-    with Plant(model_fmu(MODEL), parameters=values, outputs=order) as plant:
-        for k in range(n):
-            seen = plant.read()
-            states[k] = [seen[name] for name in order]
-            error = command(k * truth.STEP) - seen["theta_p"]
-            slope = truth.DERIVATIVE_BANDWIDTH * (error - smooth)
-            volts[k] = truth.PROPORTIONAL * error + truth.INTEGRAL * integral
-            volts[k] += truth.DERIVATIVE * slope
-            integral += truth.STEP * error
-            smooth += truth.STEP * slope
-            plant.set({"V": float(volts[k])})
-            plant.step(truth.STEP)
-    return Loop(np.arange(n) * truth.STEP, states, volts)
+    return Loop(time, np.column_stack([found[name] for name in order]), found["V"])
 
 
 def _predictions(page: Page, runs: Mapping[str, list[truth.Run]]) -> None:
