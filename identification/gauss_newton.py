@@ -227,7 +227,8 @@ def _linearise_all(
         window, channel = window + count, channel + ny
     wanted, precision = (np.array(numbers, float) for numbers in densities(priors, names))
     away = wanted - np.array([values[name] for name in names])
-    penalty = float(precision @ away**2)
+    held = precision > 0  # a parameter without a prior may be anywhere
+    penalty = float(precision[held] @ away[held] ** 2)
     return Linearised(
         cost=sum(one.cost for one in found) + penalty,
         rms=np.concatenate([one.rms for one in found]),

@@ -215,6 +215,7 @@ def demo():
                 variables=units,
                 channel_map=DEMO / "channels.toml",
                 dbc=DEMO / "wheeled_pendulum.dbc",
+                inputs=[v.name for v in dae.inputs],
             ),
         )
         for name in ("balancing.blf", "held_out.blf")
@@ -251,7 +252,10 @@ def emps():
     source = truth.library("Positioner")
     dae = load(source)
     units = {v.name: v.unit for v in (*dae.inputs, *dae.outputs)}
-    records = [match(dae, load_recording(n, variables=units)) for n in ("emps", "emps-pulses")]
+    records = [
+        match(dae, load_recording(n, variables=units, inputs=["vir"]))
+        for n in ("emps", "emps-pulses")
+    ]
     return improve(source, *records)
 
 
