@@ -1,1 +1,1 @@
-"""The twin service. Nothing is here yet."""
+"""A model beside a running machine: telemetry in, parameters, drift and the gate's decision out."""

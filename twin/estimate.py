@@ -1,0 +1,49 @@
+"""What a twin knows about its plant at one moment."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """The parameters of a plant, from its telemetry.
+
+    Attributes:
+        time: Of the last sample that is in it [s].
+        names: The k parameters that are estimated.
+        values: Parameter → value; also of those that are held.
+        sd: Parameter → standard deviation, of those that are estimated.
+        covariance: (k, k), in the order of `names`.
+        excitation: How well the recent data tell parameters: 1 suffices for an update, less does
+            not and the estimate rests.
+        units: Parameter → unit.
+
+    Example:
+        >>> e = Estimate(0.0, ("J",), {"J": 2.0}, {"J": 0.1}, np.array([[0.01]]), 1.0, {})
+        >>> round(e.distance({"J": 2.2}), 6)
+        2.0
+    """
+
+    time: float
+    names: tuple[str, ...]
+    values: Mapping[str, float]
+    sd: Mapping[str, float]
+    covariance: NDArray[np.float64]
+    excitation: float
+    units: Mapping[str, str]
+
+    def distance(self, other: Mapping[str, float]) -> float:
+        """Return the Mahalanobis distance of other values from these, in this covariance."""
+        apart = np.array([other[n] - self.values[n] for n in self.names])
+        scale = np.sqrt(np.diag(self.covariance))
+        scale[~(scale > 0)] = 1.0
+        # In units of the standard deviations: parameters differ by many powers of ten.
+        correlation = self.covariance / np.outer(scale, scale)
+        scaled = apart / scale
+        solved = np.linalg.lstsq(correlation, scaled, rcond=None)[0]
+        return float(np.sqrt(max(0.0, scaled @ solved)))
