@@ -14,7 +14,8 @@ from fmus.frontend import with_values
 from fmus.package import cached_fmu
 from foundation.errors import ChannelError, DivergenceError, UnsupportedModelError
 from identification.fmu_shooting import FmuShooting
-from identification.gauss_newton import Fit, Part, fit_together
+from identification.gauss_newton import Fit, fit_together
+from identification.linearisation import Part
 from identification.prediction import WINDOW, Prediction, predict
 from identification.priors import NO_PRIORS, Prior
 from identification.problem import Matrix, Problem, Vector
@@ -55,16 +56,7 @@ class Experiment:
         if isinstance(model, BlackBox):
             return cls(problem, FmuShooting(model, outputs, free))
         try:
-            return cls(
-                problem,
-                Shooting(
-                    model,
-                    outputs,
-                    free,
-                    measured_inputs=problem.measured_inputs,
-                    following=problem.following,
-                ),
-            )
+            return cls(problem, Shooting.of(problem))
         except UnsupportedModelError:
             if not through_fmi:
                 raise

@@ -15,68 +15,18 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from identification.priors import NO_PRIORS, Prior, densities
+from identification.linearisation import Booleans, Linearised, Part, eliminate, linearise_all, seen
+from identification.priors import NO_PRIORS, Prior
 from identification.problem import Matrix, Problem, Vector
+from identification.sandwich import covariance_of
 from identification.simulator import Simulator
 from identification.windows import Window
 
-NDArrayBool = NDArray[np.bool_]
+ITERATIONS = 30
+"""Accepted steps of a fit, at most."""
 
-# Beyond this a window is on its way out, and squares of it overflow.
-_LARGEST = 1e100
 _DIGITS = 1e-12  # of a channel that a misfit may have and still mean something
-_DETERMINED = 1e-14  # smallest share of the largest eigenvalue that is not rounding
-_PROJECTED = 1e-9  # share of a parameter's information that must survive projection
-
-
-@dataclass(frozen=True)
-class Part:
-    """One record's share of a fit.
-
-    Attributes:
-        problem: Model and record.
-        shooting: Compiled with sensitivities for (at least) the free parameters.
-        windows: Over which to fit.
-    """
-
-    problem: Problem
-    shooting: Simulator
-    windows: Sequence[Window]
-
-
-@dataclass(frozen=True)
-class Linearised:
-    """Weighted residuals and normal equations at one point, initial states eliminated.
-
-    Of several records, windows and channels follow one another, record by record.
-
-    Attributes:
-        cost: Σ (residual/sd)² and the priors' share; infinite if a window left the finite numbers.
-        rms: (ny,) unweighted root-mean-square residual.
-        counts: (ny,) samples of each channel.
-        normal: (ns, ns) projected normal matrix, priors included.
-        raw: (ns,) diagonal of the normal matrix before projection.
-        grams: Per window JᵀJ, (nx + ns, nx + ns), and Jᵀr.
-        scores: (blocks, ns) sums of Jᵀr over short blocks, for honest covariances.
-        residuals: Per window (n, ny) unweighted.
-        precision: (ns,) of the priors, 0 where there is none.
-        pull: (ns,) precision · (prior - value).
-        penalty: The priors' share of the cost.
-    """
-
-    cost: float
-    rms: Vector
-    counts: NDArray[np.intp]
-    normal: Matrix
-    raw: Vector
-    grams: tuple[tuple[Matrix, Vector], ...]
-    scores: Matrix
-    residuals: tuple[Matrix, ...]
-    precision: Vector
-    pull: Vector
-    penalty: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -112,153 +62,6 @@ class Fit:
         return -0.5 * data - float(self.at.counts @ np.log(self.sd))
 
 
-def simulate(
-    problem: Problem,
-    shooting: Simulator,
-    windows: Sequence[Window],
-    x0: Matrix,
-    values: Mapping[str, float],
-) -> tuple[Matrix, ...]:
-    """Return each window's simulated outputs, (n, ny); NaN after a window diverged."""
-    p = shooting.parameter_vector(values)
-    inputs = shooting.inputs_with_delays(problem.inputs, problem.sample_time, p)
-    return tuple(
-        shooting.run(
-            x0[k], inputs[w.begin : w.end], p, problem.sample_time, t0=float(problem.time[w.begin])
-        ).outputs
-        for k, w in enumerate(windows)
-    )
-
-
-def linearise(
-    problem: Problem,
-    shooting: Simulator,
-    windows: Sequence[Window],
-    x0: Matrix,
-    values: Mapping[str, float],
-    sd: Vector,
-    *,
-    block: float = 0.25,
-) -> Linearised:
-    """Simulate all windows with sensitivities and form the projected normal equations.
-
-    Args:
-        block: Duration of the blocks over which scores are summed [s].
-    """
-    h, ns, nx = problem.sample_time, len(shooting.sensitive), shooting.nx
-    p = shooting.parameter_vector(values)
-    inputs = shooting.inputs_with_delays(problem.inputs, h, p)
-    per_block = max(1, round(block / h))
-    normal, raw = np.zeros((ns, ns)), np.zeros(ns)
-    cost, squares, samples = 0.0, np.zeros(len(sd)), 0
-    grams: list[tuple[Matrix, Vector]] = []
-    scores: list[Vector] = []
-    residuals: list[Matrix] = []
-    for k, window in enumerate(windows):
-        response = shooting.run(
-            x0[k],
-            inputs[window.begin : window.end],
-            p,
-            h,
-            t0=float(problem.time[window.begin]),
-            sensitivities=True,
-        )
-        misfit = problem.outputs[window.begin : window.end] - response.outputs
-        residuals.append(misfit)
-        with np.errstate(over="ignore", invalid="ignore"):
-            jacobian = response.sensitivities / sd[:, None]
-        if response.finite < len(window) or not np.all(np.isfinite(jacobian)):
-            return _diverged(len(sd), ns)
-        r = misfit / sd
-        with np.errstate(over="ignore"):
-            cost += float(np.sum(r * r))
-            squares += np.sum(misfit**2, axis=0)
-        samples += len(window)
-        if np.max(np.abs(jacobian), initial=0.0) > _LARGEST:
-            return _diverged(len(sd), ns)
-        flat = jacobian.reshape(r.size, nx + ns)
-        gram, score = flat.T @ flat, flat.T @ r.ravel()
-        weight, _ = _eliminate(gram, score, nx, 0.0)
-        normal += gram[nx:, nx:] - gram[nx:, :nx] @ weight
-        raw += np.diag(gram[nx:, nx:])
-        grams.append((gram, score))
-        projected = jacobian[:, :, nx:] - jacobian[:, :, :nx] @ weight
-        contributions = np.einsum("nys,ny->ns", projected, r)
-        edges = np.arange(0, len(window), per_block)
-        scores.extend(np.add.reduceat(contributions, edges, axis=0))
-    return Linearised(
-        cost,
-        np.sqrt(squares / samples),
-        np.full(len(sd), samples),
-        normal,
-        raw,
-        tuple(grams),
-        np.array(scores),
-        tuple(residuals),
-        np.zeros(ns),
-        np.zeros(ns),
-    )
-
-
-def _linearise_all(
-    parts: Sequence[Part],
-    x0: Matrix,
-    values: Mapping[str, float],
-    sd: Vector,
-    priors: Mapping[str, Prior],
-) -> Linearised:
-    """Linearise several records and priors as one; x0 and sd run over all records."""
-    names = parts[0].shooting.sensitive
-    ns, window, channel = len(names), 0, 0
-    found: list[Linearised] = []
-    for part in parts:
-        ny, count = part.problem.outputs.shape[1], len(part.windows)
-        one = linearise(
-            part.problem,
-            part.shooting,
-            part.windows,
-            x0[window : window + count],
-            values,
-            sd[channel : channel + ny],
-        )
-        if not np.isfinite(one.cost):
-            return _diverged(len(sd), ns)
-        found.append(one)
-        window, channel = window + count, channel + ny
-    wanted, precision = (np.array(numbers, float) for numbers in densities(priors, names))
-    away = wanted - np.array([values[name] for name in names])
-    held = precision > 0  # a parameter without a prior may be anywhere
-    penalty = float(precision[held] @ away[held] ** 2)
-    return Linearised(
-        cost=sum(one.cost for one in found) + penalty,
-        rms=np.concatenate([one.rms for one in found]),
-        counts=np.concatenate([one.counts for one in found]),
-        normal=np.sum([one.normal for one in found], axis=0) + np.diag(precision),
-        raw=np.sum([one.raw for one in found], axis=0),
-        grams=tuple(gram for one in found for gram in one.grams),
-        scores=np.concatenate([one.scores for one in found]),
-        residuals=tuple(residual for one in found for residual in one.residuals),
-        precision=precision,
-        pull=precision * away,
-        penalty=penalty,
-    )
-
-
-def _eliminate(gram: Matrix, score: Vector, nx: int, damping: float) -> tuple[Matrix, Vector]:
-    """Return (Wθ, w₀): for a parameter step Δθ the best initial state moves by w₀ - Wθ·Δθ."""
-    diagonal = np.diag(gram)[:nx]
-    # The small ridge only matters for a state that this window cannot see.
-    states = gram[:nx, :nx] + np.diag((1e-12 + damping) * diagonal + 1e-300)
-    solved = np.linalg.solve(states, np.column_stack([gram[:nx, nx:], score[:nx]]))
-    return solved[:, :-1].astype(np.float64), solved[:, -1].astype(np.float64)
-
-
-def _diverged(ny: int, ns: int) -> Linearised:
-    nothing, zeros = np.zeros((ns, ns)), np.zeros(ns)
-    rms, counts = np.full(ny, np.inf), np.zeros(ny, np.intp)
-    return Linearised(np.inf, rms, counts, nothing, zeros, (), np.zeros((0, ns)), (), zeros, zeros)
-
-
 def weights(problem: Problem, rms: Vector) -> Vector:
     """Return (ny,) each channel's weight: its sensor's noise, or the misfit where that is larger.
 
@@ -292,7 +95,7 @@ def fit(
     *,
     free: Sequence[str] | None = None,
     fixed_sd: Vector | None = None,
-    iterations: int = 30,
+    iterations: int = ITERATIONS,
     tolerance: float = 1e-7,
 ) -> Fit:
     """Fit parameters and initial states.
@@ -330,7 +133,7 @@ def fit_together(
     free: Sequence[str] | None = None,
     fixed_sd: Vector | None = None,
     priors: Mapping[str, Prior] = NO_PRIORS,
-    iterations: int = 30,
+    iterations: int = ITERATIONS,
     tolerance: float = 1e-7,
 ) -> Fit:
     """Fit parameters common to several records, and every window's initial state.
@@ -350,7 +153,7 @@ def fit_together(
     low, high = _bounds(parts[0].problem, names)
     spread = np.concatenate([np.std(part.problem.outputs, axis=0) for part in parts])
     sd = fixed_sd if fixed_sd is not None else _weights_of_all(parts, spread)
-    point = _Point(dict(values), x0, _linearise_all(parts, x0, values, sd, priors))
+    point = _Point(dict(values), x0, linearise_all(parts, x0, values, sd, priors))
     if not np.isfinite(point.at.cost):
         return _finish(names, chosen, point, sd, converged=False)
     converged, damping = False, 1e-4
@@ -359,7 +162,7 @@ def fit_together(
             new_sd = _weights_of_all(parts, point.at.rms)
             if np.any(np.abs(new_sd - sd) > 1e-3 * sd):
                 sd = new_sd
-                at = _linearise_all(parts, point.x0, point.values, sd, priors)
+                at = linearise_all(parts, point.x0, point.values, sd, priors)
                 point = _Point(point.values, point.x0, at)
         step = _step(parts, priors, chosen, point, sd, damping, low, high)
         if step is None:
@@ -384,16 +187,10 @@ def _bounds(problem: Problem, names: Sequence[str]) -> tuple[Vector, Vector]:
     return np.array(low, float), np.array(high, float)
 
 
-def seen(at: Linearised) -> NDArrayBool:
-    """Return which parameters the data (or a prior) see, given that initial states are free."""
-    diagonal = np.diag(at.normal)
-    return ((diagonal > _PROJECTED * at.raw) & (at.raw > 0)) | (at.precision > 0)
-
-
 def _step(
     parts: Sequence[Part],
     priors: Mapping[str, Prior],
-    chosen: NDArrayBool,
+    chosen: Booleans,
     point: _Point,
     sd: Vector,
     damping: float,
@@ -409,7 +206,7 @@ def _step(
         normal, gradient = np.diag(point.at.precision), point.at.pull.copy()
         back: list[tuple[Matrix, Vector]] = []
         for gram, score in point.at.grams:
-            weight, shift = _eliminate(gram, score, nx, damping)
+            weight, shift = eliminate(gram, score, nx, damping)
             normal += gram[nx:, nx:] - gram[nx:, :nx] @ weight
             gradient += score[nx:] - gram[nx:, :nx] @ shift
             back.append((weight, shift))
@@ -426,7 +223,7 @@ def _step(
         delta = new_theta - theta
         new_x0 = np.array([x + w0 - w @ delta for x, (w, w0) in zip(point.x0, back, strict=True)])
         new_values = {**point.values, **dict(zip(names, new_theta.tolist(), strict=True))}
-        at = _linearise_all(parts, new_x0, new_values, sd, priors)
+        at = linearise_all(parts, new_x0, new_values, sd, priors)
         if at.cost < point.at.cost:
             return _Point(new_values, new_x0, at), max(damping / 10, 1e-12)
         damping = max(damping * 10, 1e-9)
@@ -435,7 +232,7 @@ def _step(
 
 def _finish(
     names: Sequence[str],
-    chosen: NDArrayBool,
+    chosen: Booleans,
     point: _Point,
     sd: Vector,
     *,
@@ -458,44 +255,3 @@ def _finish(
     return Fit(
         point.values, free, held, point.x0, sd, point.at, covariance, float(condition), converged
     )
-
-
-def covariance_of(at: Linearised, index: NDArray[np.intp]) -> tuple[Matrix, float]:
-    """Return the covariance of some parameters, and the condition number of their Jacobian.
-
-    The sandwich H⁻¹ S H⁻¹ (H. White, Econometrica 50 (1982) 1), so that residuals that correlate in
-    time (a model error, a coloured disturbance) widen it. S comes from the windows' scores: each
-    has an initial state of its own, so what correlates within a window does not reach the next. Too
-    few windows for that are cut into short blocks. In no direction is the result narrower than what
-    white noise of the present size would make it, and a combination that the data do not determine
-    has a variance beyond all others. A prior counts as an observation of the variance it states.
-    """
-    normal = at.normal[np.ix_(index, index)]
-    scale = np.sqrt(np.diag(normal))
-    eigenvalues, vectors = np.linalg.eigh(normal / np.outer(scale, scale))
-    largest = eigenvalues[-1]
-    condition = float(np.sqrt(largest / max(eigenvalues[0], 1e-300)))
-    root = vectors / np.sqrt(np.fmax(eigenvalues, _DETERMINED * largest))
-    k, nx = len(index), len(at.grams[0][1]) - len(at.raw)
-    per_window = np.array([_projected(gram, score, nx) for gram, score in at.grams])
-    scores = per_window if len(per_window) > k else at.scores
-    # In the coordinates of `root`, the data and the priors add up to the information I.
-    # At the solution the data's scores add up to what holds against the priors' pull.
-    centred = scores[:, index] + at.pull[index] / len(scores)
-    whitened = (centred / scale) @ root
-    spread = whitened.T @ whitened * (len(scores) / max(len(scores) - k, 1))
-    freedom = int(np.sum(at.counts)) - k - nx * len(at.grams)
-    white = (at.cost - at.penalty) / max(freedom, 1)
-    prior = (root.T * (at.precision[index] / scale**2)) @ root
-    least = white * (np.eye(k) - prior)
-    sizes, directions = np.linalg.eigh(spread - least)
-    more = (directions * np.fmax(sizes, 0.0)) @ directions.T
-    half = root / scale[:, None]
-    covariance = half @ (least + more + prior) @ half.T
-    return (covariance + covariance.T) / 2, condition
-
-
-def _projected(gram: Matrix, score: Vector, nx: int) -> Vector:
-    """Return (ns,) a window's score with its initial state eliminated."""
-    weight, _ = _eliminate(gram, score, nx, 0.0)
-    return score[nx:] - weight.T @ score[:nx]

@@ -24,7 +24,6 @@ Tensor = NDArray[np.float64]
 
 _WORKERS = 2
 _DIFFERENCE = 1e-5
-_PROJECTED = 1e-9
 _SLOWEST, _FASTEST = 0.01, 300.0
 # A change of the log-likelihood that is not worth another step [nats].
 _SMALL_GAIN = 0.01

@@ -25,6 +25,7 @@ from fmus.compiler import shared_library
 from fmus.dae import Dae
 from fmus.explicit import ExplicitModel, explicit
 from foundation.errors import UnsupportedModelError
+from identification.problem import Problem
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
@@ -91,6 +92,32 @@ class Shooting:
         self.following = tuple(name for name in self.model.state_names if name in following)
         names = [v.name for v in dae.inputs]
         self.ramps = np.array([name in measured_inputs for name in names], dtype=np.int32)
+
+    @classmethod
+    def of(
+        cls,
+        problem: Problem,
+        sensitive: Sequence[str] | None = None,
+        *,
+        watched: Sequence[str] | None = None,
+        briefly: bool = False,
+    ) -> Shooting:
+        """Compile a problem's model as its record asks: how inputs run, which starts follow.
+
+        Args:
+            problem: Model and record.
+            sensitive: As for the class; by default the problem's free parameters.
+            watched: Variables to return; by default the problem's outputs.
+            briefly: As for the class.
+        """
+        return cls(
+            problem.dae,
+            problem.output_names if watched is None else watched,
+            problem.free if sensitive is None else sensitive,
+            measured_inputs=problem.measured_inputs,
+            following=problem.following,
+            briefly=briefly,
+        )
 
     @cached_property
     def _library(self) -> ctypes.CDLL:

@@ -34,12 +34,12 @@ FORCES: Mapping[str, ForceLaw] = {
     "CoulombFriction": lambda z, v, t, w: -_sign(v, w),
     "AsymmetricCoulombFriction": lambda z, v, t, w: -0.6 * _sign(v, w) ** 2,
     "StribeckFriction": lambda z, v, t, w: -1.5 * _sign(v, w) / (1 + (v / (8 * w)) ** 2) ** 2,
-    "ViscousFriction": lambda z, v, t, w: -v * (1 + 0.005 * v * v),
+    "ViscousFriction": lambda z, v, t, w: -v * (1 + 0.02 * v * v),
     "AsymmetricViscousFriction": lambda z, v, t, w: -(np.sqrt(v * v + 1e-3) - 0.03),
-    "QuadraticDrag": lambda z, v, t, w: -0.7 * v * np.abs(v) ** 0.95,
+    "QuadraticDrag": lambda z, v, t, w: -0.7 * v * np.abs(v) ** 0.9,
     "Constant": lambda z, v, t, w: 0.4 * (1 + 0.01 * np.sin(0.7 * t)),
-    "LinearSpring": lambda z, v, t, w: -0.8 * np.sin(0.1 * z) / 0.1,
-    "CubicSpring": lambda z, v, t, w: -0.8 * z**3 / (1 + 0.005 * z * z),
+    "LinearSpring": lambda z, v, t, w: -0.8 * np.sin(0.2 * z) / 0.2,
+    "CubicSpring": lambda z, v, t, w: -0.8 * z**3 / (1 + 0.02 * z * z),
     "EndStop": lambda z, v, t, w: -4.0 * _beyond(z, 0.8),
 }
 """Law by the library's name of the effect."""

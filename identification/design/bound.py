@@ -16,7 +16,7 @@ import numpy as np
 
 from fmus.dae import Dae
 from foundation.errors import ExcitationError, UnknownNameError
-from identification.gauss_newton import linearise, seen
+from identification.linearisation import linearise, seen
 from identification.problem import Matrix, Problem, Vector, fitted_by_default
 from identification.shooting import Shooting
 from identification.windows import Window, cut, guess_states, settle, settling_samples
@@ -169,9 +169,7 @@ def bound_of_plan(problem: Problem, shooting: Shooting | None = None) -> Bound:
         >>> bound.sd["J"] < 0.01 * bound.values["J"]
         True
     """
-    compiled = shooting or Shooting(
-        problem.dae, problem.output_names, problem.free, measured_inputs=problem.measured_inputs
-    )
+    compiled = shooting or Shooting.of(problem)
     window = Window(0, len(problem.time))
     return _bound(problem, compiled, (window,), start_of(problem, compiled)[None, :])
 
@@ -184,9 +182,7 @@ def bound_of_record(problem: Problem, horizon: float | None = 1.0) -> Bound:
         horizon: Length [s] of windows with an unknown initial state each, so that an unstable plant
             can be simulated; None: one initial state for the whole record.
     """
-    shooting = Shooting(
-        problem.dae, problem.output_names, problem.free, measured_inputs=problem.measured_inputs
-    )
+    shooting = Shooting.of(problem)
     windows = cut(len(problem.time), problem.sample_time, horizon)
     p = shooting.parameter_vector(problem.values)
     inputs = shooting.inputs_with_delays(problem.inputs, problem.sample_time, p)

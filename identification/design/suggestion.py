@@ -154,6 +154,21 @@ class _Multisine:
     phases: Matrix
 
 
+def schroeder_phases(lines: int) -> Vector:
+    """Return (lines,) phases that keep the peak of a multisine low.
+
+    M. R. Schroeder, IEEE Trans. Information Theory 16 (1970) 85, for equal amplitudes.
+
+    Example:
+        >>> t = np.linspace(0, 1, 2000, endpoint=False)
+        >>> turns = 2 * np.pi * np.outer(t, np.arange(1, 21))
+        >>> bool(np.max(np.cos(turns + schroeder_phases(20)).sum(axis=1)) < 10)
+        True
+    """
+    k = np.arange(lines)
+    return -np.pi * k * (k + 1) / lines
+
+
 class _Search:
     def __init__(
         self,
@@ -257,13 +272,12 @@ class _Search:
         return best
 
     def multisine(self, slope: float) -> _Multisine:
-        """Return amplitudes f^slope and phases that keep the peak low (M. R. Schroeder, 1970)."""
+        """Return amplitudes f^slope with Schroeder's phases."""
         width = max(len(lines) for lines in self.lines)
         amplitudes, phases = np.ones((self.nu, width)), np.zeros((self.nu, width))
         for i, lines in enumerate(self.lines):
-            k = np.arange(len(lines))
             amplitudes[i, : len(lines)] = lines**slope
-            phases[i, : len(lines)] = -np.pi * k * (k + 1) / len(lines)
+            phases[i, : len(lines)] = schroeder_phases(len(lines))
         return _Multisine(amplitudes, phases)
 
 

@@ -12,7 +12,8 @@ and 3.3 with windows of 1 s; a spring that is not there stays below 1 in both.
 Two tests, either suffices. The paired t-test over windows holds whatever the residuals are like. An
 effect that acts only now and then (friction near standstill) gains much in few windows, which that
 test takes for outliers; there the likelihood of the unseen windows decides, counted in independent
-samples. A ratio of likelihoods of unseen data exceeds c with a probability of at most 1/c.
+samples. A ratio of likelihoods of unseen data exceeds c with a probability of at most 1/c; with
+variances estimated from the same windows this holds approximately.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ from identification.windows import Window, fitting_length
 
 FOLDS = 5
 CV_WINDOW = 0.25 * WINDOW
-_LARGEST_CHANCE = 0.01
+LARGEST_CHANCE = 0.01
 _SMALLEST_SHARE = 0.05
 _FEWEST_WINDOWS = 10
 # No block may speak against an effect by more than this [nats], or this share of what all say.
@@ -110,7 +111,9 @@ def _unseen(experiment: Experiment, whole: Fit, windows: Sequence[Window], sd: V
         seen = _fit(experiment, fitted, _pick(windows, fold), start.x0[fold], sd, free=())
         for window, residual in zip(fold, seen.at.residuals, strict=False):
             # A window's own initial state takes a part of the noise up, in the larger model more.
-            left = residual.size - experiment.shooting.nx
+            # (A sensor's filter has no start of its own.)
+            free = experiment.shooting.nx - len(experiment.problem.following)
+            left = residual.size - free
             errors[window] = np.mean(residual**2, axis=0) * residual.size / max(left, 1)
     # A window that a model cannot simulate counts as a very wrong one, not as a missing one.
     return np.where(np.isfinite(errors), errors, 1e6 * sd**2)
@@ -152,13 +155,20 @@ def _fit(
     )
 
 
+def _above_zero(squares: Vector) -> Vector:
+    """Without noise a right model leaves nothing, whose logarithm means nothing."""
+    return np.fmax(squares, 1e-300)
+
+
 def _unseen_nats(before: Matrix, after: Matrix, independent: Vector) -> float:
     """Return ΔlogL of the unseen windows; minus infinity if a block speaks against the effect."""
     folds = folds_of(len(before))
     nats = [
         0.5 * float(np.sum(independent * np.log(b / a))) * len(fold) / len(before)
         for fold in folds
-        for b, a in [(np.mean(before[fold], axis=0), np.mean(after[fold], axis=0))]
+        for b, a in [
+            (_above_zero(np.mean(before[fold], axis=0)), _above_zero(np.mean(after[fold], axis=0)))
+        ]
     ]
     total = sum(nats)
     return -np.inf if min(nats) < -max(_AGAINST, _SHARE_AGAINST * total) else total
@@ -169,7 +179,7 @@ def _judge(
 ) -> Verdict:
     mean_before, mean_after = np.mean(before, axis=0), np.mean(after, axis=0)
     # Each channel in units of its present error, so that all count alike.
-    unit = np.fmax(mean_before, 1e-300)
+    unit = _above_zero(mean_before)
     difference = np.sum((before - after) / unit, axis=1)
     spread = float(np.std(difference, ddof=1)) / np.sqrt(len(difference))
     gained = float(np.mean(difference))
@@ -182,7 +192,7 @@ def _judge(
     # takes a part of the noise up, so an error may also lie below it.)
     above_noise = gained + float(np.sum(np.fmax(mean_after - noise**2, 0.0) / unit))
     removed = gained / above_noise if above_noise > 0 else 0.0
-    if gained <= 0 or chance > _LARGEST_CHANCE:
+    if gained <= 0 or chance > LARGEST_CHANCE:
         accepted, reason = False, f"on unseen windows its gain may be chance (p = {chance:.2g})"
     elif removed < _SMALLEST_SHARE:
         accepted = False

@@ -23,6 +23,8 @@ from identification.problem import Vector
 
 SHORTLIST = 8
 _TRIALS = 3
+# An experiment is looked for that tells at most this many rivals apart: each is fitted to each.
+_COMPARED = 3
 # Candidates this close in merit to the best are not told apart by this record [nats].
 _TIE = 3.0
 _AT_FLOOR = 1.1
@@ -153,7 +155,9 @@ def _with_disturbance(
         return found
     inputs = np.sqrt(np.mean(experiment.problem.inputs**2, axis=0))
     left = opinion.base if opinion.best is None else opinion.best.maximum
-    share = max(d.sd / size for d, size in zip(left.disturbances, inputs, strict=True))
+    # A disturbance of an input that stands still is large, however small.
+    sizes = zip(left.disturbances, np.fmax(inputs, 1e-300), strict=True)
+    share = max((d.sd / size for d, size in sizes), default=0.0)
     # A disturbance explains anything: called complete is what needs little of it, and an effect is
     # only named beside one that does not do most of the work.
     if opinion.best is None or share > _LARGE_DISTURBANCE:
@@ -180,7 +184,7 @@ def _by_output_error(
     scanned = scan(model, experiment, fit)
     shortlist = [s for s in scanned.scored[:SHORTLIST] if s.gain > 0]
     # What shows only when it is large is tried from several sizes instead.
-    shortlist += [s for s in scanned.scored if s.unseen and s.addition.place.kind != "output"]
+    shortlist += [s for s in scanned.scored if s.blind and s.addition.place.kind != "output"]
     progress(f"refitting the best {len(shortlist)} of {len(scanned.scored)}")
     refits, failed = refit_all(model, experiment, fit, shortlist)
     noise = noise_estimate(experiment.problem)
@@ -291,7 +295,7 @@ def _next_experiment(rivals: tuple[Refit, ...], progress: Progress) -> str:
         return ""
     progress("looking for an experiment that tells " + ", ".join(r.addition.label for r in rivals))
     try:
-        return propose_experiment(rivals[:_TRIALS]).text
+        return propose_experiment(rivals[:_COMPARED]).text
     except TwinproofError:
         labels = ", ".join(r.addition.label for r in rivals)
         return f"record the motion at half and at twice the size: {labels} may change differently"

@@ -131,18 +131,12 @@ def find_effects(source: ModelicaSource | None = None) -> tuple[Effect, ...]:
         for one in classes:
             base = None if one.partial else _base_of(one, every, _KINDS)
             if base is not None:
-                effect = _read(
-                    one.name,
-                    one.description,
-                    _KINDS[base],
-                    where,
-                    defined_in,
-                    tuple(one.inputs),
+                kind = _KINDS[base]
+                effect = replace(
+                    _read(one.name, one.description, kind, where, defined_in, tuple(one.inputs)),
+                    searched=one.searched,
+                    empirical=_base_of(one, every, _EMPIRICAL) is not None,
                 )
-                effect = replace(effect, searched=one.searched)
-                kind = effect.kind
-                if _base_of(one, every, _EMPIRICAL) is not None:
-                    effect = replace(effect, empirical=True)
                 found[kind, effect.name] = effect
     return tuple(found.values())
 

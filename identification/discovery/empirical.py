@@ -22,6 +22,7 @@ from identification.discovery.scan import score_group
 from identification.discovery.transfer import transfer_problem, transfer_states
 from identification.experiment import Experiment
 from identification.gauss_newton import Fit
+from identification.linearisation import simulate
 from identification.problem import Vector
 from identification.shooting import Shooting
 
@@ -111,18 +112,10 @@ def _over_record(
     bigger = extend(model.base, [*model.additions, addition], values=model.values)
     problem = transfer_problem(experiment.problem, bigger, fit.values, model)
     watched = bigger.parameter_of(addition, variable_of(addition.effect, model.base).name)
-    shooting = Shooting(
-        problem.dae, (watched,), (), briefly=True, measured_inputs=problem.measured_inputs
-    )
+    shooting = Shooting.of(problem, (), watched=(watched,), briefly=True)
     windows = experiment.windows
     x0 = transfer_states(problem, shooting, bigger, windows, experiment, model, fit.x0)
-    p = shooting.parameter_vector(problem.values)
-    h = problem.sample_time
-    inputs = shooting.inputs_with_delays(problem.inputs, h, p)
-    tracks = [
-        shooting.run(x, inputs[w.begin : w.end], p, h, t0=float(problem.time[w.begin])).outputs
-        for w, x in zip(windows, x0, strict=True)
-    ]
+    tracks = simulate(problem, shooting, windows, x0, problem.values)
     low, high = np.nanquantile(np.concatenate(tracks), [0.001, 0.999])
     span = max(float(high - low), 1e-9)
     values = {"lowest": float(low) - 0.01 * span, "highest": float(high) + 0.01 * span}

@@ -14,7 +14,7 @@ from identification.discovery.extension import Addition, ExtendedModel, extend
 from identification.discovery.scan import Scored
 from identification.discovery.transfer import transfer_problem, transfer_states
 from identification.experiment import Experiment
-from identification.gauss_newton import Fit, fit
+from identification.gauss_newton import ITERATIONS, Fit, fit
 from identification.problem import Matrix, Vector
 
 _WORKERS = 2
@@ -22,7 +22,7 @@ _ROUNDING = 1e-9
 # A parameter that cannot start at its neutral value (a bound, or a flat cost) starts from these
 # shares of its nominal value instead, the best of them after a few steps going on.
 _STARTS = (0.1, 0.5, 1.0, 3.0, 10.0, 30.0)
-_FIRST_STEPS, _STEPS = 4, 30
+_FIRST_STEPS = 4
 # A shape that ended at its bound was not found in the record: such a candidate has stretched into
 # another one (a Stribeck curve as wide as the whole speed range is dry friction), and stands back
 # behind any candidate with at least this share of its merit.
@@ -95,10 +95,11 @@ def _measured(refit: Refit, independent: Vector) -> Refit:
     evidence = float(np.sum(independent * refit.gain))
     samples = float(np.max(independent))
     price = 0.5 * len(refit.addition.values) * np.log(samples)
-    # A state of its own is free at the start of every window: as many numbers more, each with the
-    # samples of its window.
+    # A state of its own is free at the start of every window, but for a sensor's, which follows: as
+    # many numbers more, each with the samples of its window.
     windows = len(refit.experiment.windows)
-    price += 0.5 * refit.addition.effect.states * windows * np.log(max(samples / windows, 1.0))
+    states = 0 if refit.addition.place.kind == "output" else refit.addition.effect.states
+    price += 0.5 * states * windows * np.log(max(samples / windows, 1.0))
     merit = float(evidence - price) * (_UNFOUND_SHAPE if refit.at_bound else 1.0)
     return replace(refit, evidence=evidence, merit=merit)
 
@@ -139,15 +140,14 @@ def refit(model: ExtendedModel, experiment: Experiment, base: Fit, scored: Score
     x0 = transfer_states(
         problem, larger.shooting, bigger, experiment.windows, experiment, model, base.x0
     )
+    start = starts[0]
     if len(starts) > 1:
-        tried = [_fit_from(larger, x0, start, iterations=_FIRST_STEPS) for start in starts]
-        gains = [float(np.sum(log_gain(base, found)[0])) for found in tried]
-        starts = [starts[int(np.argmax(gains))]]
-    best = _fit_from(larger, x0, starts[0])
+        tried = [_fit_from(larger, x0, s, iterations=_FIRST_STEPS) for s in starts]
+        start = starts[int(np.argmax([float(np.sum(log_gain(base, f)[0])) for f in tried]))]
+    best = _fit_from(larger, x0, start)
     if float(np.sum(log_gain(base, best)[0])) < 0:
         # The predicted step overshot (an absent effect would have done better): come from nearer.
-        smaller = [{k: 0.1 * v for k, v in start.items()} for start in starts]
-        best = min((_fit_from(larger, x0, start) for start in smaller), key=lambda f: f.at.cost)
+        best = _fit_from(larger, x0, {k: 0.1 * v for k, v in start.items()})
     effect = addition.effect
     fitted = {
         p: best.values[bigger.parameter_of(addition, p)]
@@ -183,7 +183,7 @@ def _at_bound(model: ExtendedModel, addition: Addition, parameter: str, value: f
 
 
 def _fit_from(
-    larger: Experiment, x0: Matrix, start: dict[str, float], *, iterations: int = _STEPS
+    larger: Experiment, x0: Matrix, start: dict[str, float], *, iterations: int = ITERATIONS
 ) -> Fit:
     values = {**larger.problem.values, **start}
     problem, windows = larger.problem, larger.windows

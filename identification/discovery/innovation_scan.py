@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import stats
 
-from identification.discovery.crossvalidation import Verdict
+from identification.discovery.crossvalidation import LARGEST_CHANCE, Verdict
 from identification.discovery.evidence import Refit
 from identification.discovery.extension import Addition, ExtendedModel, extend
 from identification.discovery.scan import candidates
@@ -37,7 +37,6 @@ _BLOCKS = 10
 _REFITTED = 3
 # The best of n useless candidates gains about log n; this much more is asked for [nats].
 _BEYOND_CHANCE = 5.0
-_LARGEST_CHANCE = 0.01
 
 
 @dataclass(frozen=True)
@@ -70,7 +69,7 @@ class Second:
         mean = float(np.mean(self.unseen))
         error = float(np.std(self.unseen, ddof=1)) / np.sqrt(len(self.unseen))
         chance = self.tried * float(stats.t.sf(mean / max(error, 1e-300), len(self.unseen) - 1))
-        return mean > 0 and (chance < _LARGEST_CHANCE or float(np.min(self.unseen)) > 0)
+        return mean > 0 and (chance < LARGEST_CHANCE or float(np.min(self.unseen)) > 0)
 
 
 @dataclass(frozen=True)
@@ -120,11 +119,13 @@ def second_opinion(model: ExtendedModel, problem: Problem, values: Mapping[str, 
     white = bool(np.all((squares > 0.8) & (squares < 1.2)))
     price = _BEYOND_CHANCE + np.log(max(len(scored), 1))
     worth = [s for s in scored[:_REFITTED] if s[1] > price]
-    refits = [_refit(model, problem, base, addition, step) for addition, _, step in worth]
+    refits = [
+        _refit(model, problem, base, addition, step, len(scored)) for addition, _, step in worth
+    ]
     refits.sort(key=lambda s: -s.evidence)
     best = next((r for r in refits if r.evidence > price), None)
     if best is not None:
-        best = replace(best, unseen=_unseen(model, problem, base, best), tried=len(scored))
+        best = replace(best, unseen=_unseen(model, problem, base, best))
         if not best.accepted:
             best = None
     inputs = tuple((v.name, v.unit) for v in problem.dae.inputs)
@@ -190,6 +191,7 @@ def _refit(
     base: Maximum,
     addition: Addition,
     step: Mapping[str, float],
+    tried: int,
 ) -> Second:
     bigger = extend(model.base, [*model.additions, addition], values=model.values)
     likelihood, values = _likelihood(bigger, model, problem, base, addition, step)
@@ -205,7 +207,7 @@ def _refit(
         maximum,
         maximum.log_likelihood - base.log_likelihood,
         np.zeros(0),
-        1,
+        tried,
     )
 
 

@@ -13,8 +13,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from identification.design.suggestion import schroeder_phases
 from identification.discovery.evidence import Refit
-from identification.gauss_newton import fit, simulate
+from identification.gauss_newton import fit
+from identification.linearisation import simulate
 from identification.prediction import predict
 from identification.problem import Matrix, Problem, Vector
 from identification.windows import Window, cut
@@ -128,9 +130,7 @@ def _multisine(ranges: Matrix, low: float, high: float, n: int, step: float) -> 
     for k, (least, most) in enumerate(ranges):
         # Inputs interleave their frequencies, so that none is a multiple of another.
         f = np.geomspace(low, high, _SINES * len(ranges))[k :: len(ranges)]
-        order = np.arange(1, len(f) + 1)
-        phase = -np.pi * order * (order - 1) / len(f)
-        wave = np.sum(np.sin(2 * np.pi * np.outer(time, f) + phase), axis=1)
+        wave = np.sum(np.sin(2 * np.pi * np.outer(time, f) + schroeder_phases(len(f))), axis=1)
         columns.append((most + least) / 2 + (most - least) / 2 * wave / np.max(np.abs(wave)))
     return np.column_stack(columns) if columns else np.zeros((n, 0))
 

@@ -21,7 +21,8 @@ from identification.discovery.effects import Effect, find_effects
 from identification.discovery.extension import Addition, ExtendedModel, addition_at, extend
 from identification.discovery.transfer import flat_name, transfer_problem, transfer_states
 from identification.experiment import Experiment
-from identification.gauss_newton import Fit, Linearised, linearise
+from identification.gauss_newton import Fit
+from identification.linearisation import Linearised, linearise
 from identification.problem import Problem, Vector
 from identification.shooting import Shooting
 
@@ -40,14 +41,14 @@ class Scored:
         addition: Effect and place.
         gain: Predicted fall of the cost Σ(residual/sd)².
         values: Predicted main parameters.
-        unseen: It is not noticed until it is large, such as a limit: its slope at nothing is zero,
+        blind: It is not noticed until it is large, such as a limit: its slope at nothing is zero,
             and the score test cannot say anything.
     """
 
     addition: Addition
     gain: float
     values: Mapping[str, float]
-    unseen: bool = False
+    blind: bool = False
 
 
 @dataclass(frozen=True)
@@ -80,8 +81,6 @@ def _fitting(source: ModelicaSource, measured: Sequence[str]) -> tuple[Addition,
 
 
 def _fits(place: Place, effect: Effect, measured: Sequence[str]) -> bool:
-    if effect.empirical:
-        return False
     if place.kind not in ("input", "output"):
         return effect.kind == place.kind
     if effect.kind != "signal" or (place.kind == "output" and place.name not in measured):
@@ -143,21 +142,14 @@ def score_group(
     base_names = {flat_name(whole, model, name): name for name in fit.free if name not in fit.held}
     sensitive = [*base_names, *(name for _, names in mains for name in names)]
     whole_problem = transfer_problem(problem, whole, fit.values, model)
-    shooting = Shooting(
-        whole.dae,
-        problem.output_names,
-        sensitive,
-        measured_inputs=problem.measured_inputs,
-        following=whole_problem.following,
-        briefly=True,
-    )
+    shooting = Shooting.of(whole_problem, sensitive, briefly=True)
     windows = experiment.windows
     x0 = transfer_states(whole_problem, shooting, whole, windows, experiment, model, fit.x0)
     at = linearise(whole_problem, shooting, windows, x0, whole_problem.values, fit.sd)
-    scores: list[Scored] = []
-    for addition, names in mains:
-        scores.append(_score(whole_problem, at, len(base_names), sensitive, addition, names))
-    return scores
+    return [
+        _score(whole_problem, at, len(base_names), sensitive, addition, names)
+        for addition, names in mains
+    ]
 
 
 def _testable(wanted: Sequence[Addition]) -> tuple[list[Addition], dict[str, str]]:
@@ -207,7 +199,7 @@ def _score(
     score = gradient[mine] - cross @ inverse @ gradient[base]
     raw = at.raw[mine]
     if np.all(raw <= 0):
-        return Scored(addition, 0.0, dict.fromkeys(names, 0.0), unseen=True)
+        return Scored(addition, 0.0, dict.fromkeys(names, 0.0), blind=True)
     if np.any(raw <= 0) or np.any(np.diag(information) < _DISTINCT * raw):
         return Scored(addition, 0.0, dict.fromkeys(names, 0.0))
     step = np.linalg.lstsq(information, score, rcond=1e-12)[0]

@@ -26,7 +26,8 @@ from identification.discovery.effects import find_effects, resolve
 from identification.discovery.extension import Addition, ExtendedModel, extend
 from identification.discovery.transfer import transfer_problem
 from identification.experiment import Experiment
-from identification.gauss_newton import fit, seen
+from identification.gauss_newton import fit
+from identification.linearisation import seen
 from identification.problem import Matrix, Problem, Vector
 from identification.shooting import Shooting
 from identification.windows import Window, cut, guess_states
@@ -201,12 +202,7 @@ class _Probe:
             # The effect is a constant itself: all of it is what is missing.
             held = 0.0
             problem = problem.with_values({parameter: 0.0})
-        shooting = Shooting(
-            problem.dae,
-            problem.output_names,
-            (parameter,),
-            measured_inputs=problem.measured_inputs,
-        )
+        shooting = Shooting.of(problem, (parameter,))
         gain = float(characteristic(effect, {main: 1.0}, -1.0, 1.0).y[0])
         return cls(problem, shooting, parameter, held, gain, sd)
 
@@ -241,9 +237,7 @@ class _Probe:
     def tracks(self, found: _Constants, variable: str) -> tuple[Vector, ...]:
         """Return the probe's variable over each window, as the probed model moves."""
         name = f"{self.parameter.rpartition('.')[0]}.{variable}"
-        watched = Shooting(
-            self.problem.dae, (name,), (), measured_inputs=self.problem.measured_inputs
-        )
+        watched = Shooting.of(self.problem, (), watched=(name,))
         h = self.problem.sample_time
         tracks: list[Vector] = []
         for window, x0, value in zip(found.windows, found.x0, found.values, strict=True):

@@ -78,7 +78,8 @@ def most_likely(
     """Return the maximum of the likelihood, with a disturbance at the inputs if there is one.
 
     Disturbances of several rates and sizes are tried with the parameters held. One that is not
-    clearly there is tried again with parameters that are best without.
+    clearly there is tried again with parameters that are best without; one that seems to be, and
+    with which the likelihood does not reach its maximum, is weighed against none from there.
 
     Raises:
         DivergenceError: The filter leaves the finite numbers from every start.
@@ -96,6 +97,9 @@ def most_likely(
             return _finite(problem, without)
         start = dict(without.values)
     found = maximise(likelihood, start, begun)
+    if without is None and not found.converged:
+        # Where a disturbance only made up for the start, the way to none is long and flat.
+        without = maximise(likelihood, found.values, none)
     if without is not None and not found.log_likelihood > without.log_likelihood + _WORTH:
         found = without
     return _finite(problem, found)

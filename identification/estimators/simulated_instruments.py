@@ -53,9 +53,7 @@ class SimulatedInstruments(Instruments):
         """Solve with simulated columns, again and again."""
         solution = self.with_measured(problem, regression, equations, tau)
         try:
-            shooting = Shooting(
-                problem.dae, problem.output_names, (), measured_inputs=problem.measured_inputs
-            )
+            shooting = Shooting.of(problem, ())
             for _ in range(self.iterations):
                 instruments = _simulated(problem, shooting, regression, solution.values, tau)
                 if instruments is None:

@@ -87,7 +87,7 @@ def test_hidden_drag_against_scipy():
         # A record's command holds from its sample on.
         u = run.command[min(int(t / SAMPLE + 1e-9), len(run.command) - 1)]
         w = x[1] / f.speed_scale
-        drag = -0.5 * f.force_scale * 0.7 * w * abs(w) ** 0.95
+        drag = -0.5 * f.force_scale * 0.7 * w * abs(w) ** 0.9
         return [x[1], (u - p["k"] * x[0] - p["d"] * x[1] + drag) / p["m"]]
 
     there = solve_ivp(rates, (0.0, 1.0), [0.0, 0.0], rtol=1e-8, atol=1e-10, max_step=SAMPLE)

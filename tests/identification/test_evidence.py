@@ -145,7 +145,13 @@ def test_a_noise_free_record_is_judged():
     found = refit(PLAIN, experiment, base, candidates_of(0.05)["CoulombFriction@joint"])
     assert found.addition.values["tau_c"] == pytest.approx(0.05, rel=1e-3)
     noise = noise_estimate(clean)
-    assert crossvalidate(experiment, base, found.experiment, found.fit, noise).accepted
+    for independent in (None, found.independent):
+        verdict = crossvalidate(
+            experiment, base, found.experiment, found.fit, noise, independent=independent
+        )
+        assert verdict.accepted
     again = found.experiment
-    verdict = crossvalidate(again, found.fit, again, found.fit, noise)
+    verdict = crossvalidate(
+        again, found.fit, again, found.fit, noise, independent=found.independent
+    )
     assert not verdict.accepted

@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from foundation.errors import DivergenceError
 from identification.estimators.output_error import OutputError
 from identification.experiment import Experiment
-from identification.gauss_newton import fit, simulate
+from identification.gauss_newton import fit
+from identification.linearisation import simulate
 
 QUIET = {"deadline": None, "derandomize": True}
 

@@ -9,7 +9,7 @@ model EmpiricalOverAngle "Torque as a curve over angle, drawn from data: empiric
 equation
   r = 8 * (phi - lowest) / (highest - lowest);
 
-  annotation(Documentation(info = "<html>
+  annotation(__twinproof(search = false), Documentation(info = "<html>
   <p>A smooth curve over angle, for a torque that no effect of the
   library explains. It is proposed where the data show one, marked as empirical, and never
   takes part in the search for effects that have a name.</p>

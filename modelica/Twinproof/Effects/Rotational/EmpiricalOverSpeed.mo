@@ -9,7 +9,7 @@ model EmpiricalOverSpeed "Torque as a curve over angular velocity, drawn from da
 equation
   r = 8 * (w - lowest) / (highest - lowest);
 
-  annotation(Documentation(info = "<html>
+  annotation(__twinproof(search = false), Documentation(info = "<html>
   <p>A smooth curve over angular velocity, for a torque that no effect of the
   library explains. It is proposed where the data show one, marked as empirical, and never
   takes part in the search for effects that have a name.</p>

@@ -9,7 +9,7 @@ model EmpiricalOverPosition "Force as a curve over position, drawn from data: em
 equation
   r = 8 * (s - lowest) / (highest - lowest);
 
-  annotation(Documentation(info = "<html>
+  annotation(__twinproof(search = false), Documentation(info = "<html>
   <p>A smooth curve over position, for a force that no effect of the
   library explains. It is proposed where the data show one, marked as empirical, and never
   takes part in the search for effects that have a name.</p>

@@ -9,7 +9,7 @@ model EmpiricalOverSpeed "Force as a curve over velocity, drawn from data: empir
 equation
   r = 8 * (v - lowest) / (highest - lowest);
 
-  annotation(Documentation(info = "<html>
+  annotation(__twinproof(search = false), Documentation(info = "<html>
   <p>A smooth curve over velocity, for a force that no effect of the
   library explains. It is proposed where the data show one, marked as empirical, and never
   takes part in the search for effects that have a name.</p>
