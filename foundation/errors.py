@@ -13,7 +13,8 @@ TwinproofError                    anything below; `str()` says what, where and w
 │   │   ├── ChannelError          a channel that is missing, not finite or mapped wrongly
 │   │   └── UnitError             units that are unknown or cannot be converted
 │   ├── BusError                  a CAN bus that is absent or refuses, a DBC that does not fit it
-│   └── ExcitationError           the recording cannot answer the question (too short, too quiet)
+│   ├── ExcitationError           the recording cannot answer the question (too short, too quiet)
+│   └── StoreError                the service's database: gone, full, or of another version
 └── ComputationError              right input, no answer                          (exit status 3)
     ├── DivergenceError           a simulation or a fit left the finite numbers
     └── CompilerError             no C compiler, or it refused what we generated
@@ -116,6 +117,10 @@ class BusError(InputError):
 
 class ExcitationError(InputError):
     """The recording cannot answer the question: too short, too quiet, or clipped."""
+
+
+class StoreError(InputError):
+    """The service's database is gone, full, or of a version that this program does not know."""
 
 
 class ComputationError(TwinproofError, RuntimeError):

@@ -1,0 +1,13 @@
+"""Run by alembic: gives it the tables and the connection of the store."""
+
+from alembic import context
+
+from twin.store.tables import Base
+
+with context.begin_transaction():
+    context.configure(
+        connection=context.config.attributes["connection"],
+        target_metadata=Base.metadata,
+        render_as_batch=True,  # SQLite cannot alter a table in place
+    )
+    context.run_migrations()
