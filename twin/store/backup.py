@@ -7,7 +7,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from sqlalchemy import Engine, insert, select
+from sqlalchemy import Engine, MetaData, delete, insert, select
 from sqlalchemy.orm import Session
 
 from foundation.errors import FormatError, InputError, StoreError
@@ -42,8 +42,10 @@ def back_up(engine: Engine, path: Path) -> int:
         head = {"format": _FORMAT, "revision": revision(connection)}
         file.write(json.dumps(head) + "\n")
         for table in Base.metadata.sorted_tables:
-            for row in connection.execution_options(yield_per=_BATCH).execute(select(table)):
-                file.write(json.dumps([table.name, dict(row._mapping)]) + "\n")  # noqa: SLF001
+            for row in (
+                connection.execution_options(yield_per=_BATCH).execute(select(table)).mappings()
+            ):
+                file.write(json.dumps([table.name, dict(row)]) + "\n")
                 rows += 1
         file.write(json.dumps({"rows": rows}) + "\n")
     return rows
@@ -78,7 +80,11 @@ def restore(engine: Engine, path: Path) -> int:
                 "the database is not empty", where=where, remedy="restore into a new one"
             )
     upgrade(engine, head["revision"])
-    tables = Base.metadata.tables
+    # The tables as they were at that revision, not as they are now.
+    reflected = MetaData()
+    with said_plainly(where):
+        reflected.reflect(engine)
+    tables = reflected.tables
     groups: dict[str, list[dict[str, Any]]] = {}
     for name, row in rows:
         groups.setdefault(name, []).append(row)
@@ -89,6 +95,8 @@ def restore(engine: Engine, path: Path) -> int:
                 where=str(path),
                 remedy="run a newer twinproof",
             )
+        for name in groups:
+            session.execute(delete(tables[name]))
         for name, group in groups.items():
             for k in range(0, len(group), _BATCH):
                 session.execute(insert(tables[name]), group[k : k + _BATCH])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -72,16 +73,21 @@ class Store(Closing):
             StoreError: The database fails.
         """
         engine = open_database(url, folder)
-        upgrade(engine)
-        file = KeyFile(folder / key)
-        with said_plainly(str(engine.url)), Session(engine) as session:
-            if not file.path.exists() and session.scalar(select(EventRow.number).limit(1)):
+        try:
+            upgrade(engine)
+            file = KeyFile(folder / key)
+            with said_plainly(engine.url.render_as_string()), Session(engine) as session:
+                begun = session.scalar(select(EventRow.number).limit(1)) is not None
+            if begun and not file.path.exists():
                 raise InputError(
                     "the log has entries, but its key is not there",
                     where=str(file.path),
                     remedy="bring the key back; without it nobody can tell whether the log is true",
                 )
-        return cls(engine, file)
+            return cls(engine, file)
+        except BaseException:
+            engine.dispose()
+            raise
 
     def close(self) -> None:
         """Close all connections."""
@@ -399,16 +405,18 @@ def save_evidence(evidence: Evidence) -> Callable[[Session], None]:
     return action
 
 
-def promote(id_: str, evidence: Evidence, time: float) -> Callable[[Session], None]:
+def promote(id_: str, evidence: str, time: float) -> Callable[[Session], None]:
     """Return the action that puts a set into force.
 
     Raises (the action):
-        InputError: The evidence is of another set, or did not pass.
+        InputError: The evidence is not kept, is of another set, or did not pass.
     """
 
     def action(session: Session) -> None:
         row = session.get(ParameterSetRow, id_)
-        if row is None or evidence.parameters != id_ or not evidence.passed:
+        kept = session.get(EvidenceRow, evidence)
+        found = None if kept is None else Evidence.of(json.loads(kept.document))
+        if row is None or found is None or found.parameters != id_ or not found.passed:
             raise InputError(
                 f"no passed verification is about parameter set {id_[:12]}",
                 remedy="verify it first",
@@ -416,7 +424,7 @@ def promote(id_: str, evidence: Evidence, time: float) -> Callable[[Session], No
         for other in session.scalars(_in_force(row.twin)):
             if other.id != id_:
                 other.state = SetState.RETIRED.value
-        row.state, row.promoted, row.evidence = SetState.VERIFIED.value, time, evidence.id
+        row.state, row.promoted, row.evidence = SetState.VERIFIED.value, time, evidence
 
     return action
 
@@ -464,7 +472,7 @@ def _entry(event: Event, number: int, logged: float) -> Entry:
 
 
 def _coded(key: bytes, entry: Entry, previous: str) -> Entry:
-    return Entry(**{**vars(entry), "code": code(key, entry, previous)})
+    return replace(entry, code=code(key, entry, previous))
 
 
 def _of_row(row: EventRow) -> Entry:

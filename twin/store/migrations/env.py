@@ -4,10 +4,10 @@ from alembic import context
 
 from twin.store.tables import Base
 
+context.configure(
+    connection=context.config.attributes["connection"],
+    target_metadata=Base.metadata,
+    render_as_batch=True,  # SQLite cannot alter a table in place
+)
 with context.begin_transaction():
-    context.configure(
-        connection=context.config.attributes["connection"],
-        target_metadata=Base.metadata,
-        render_as_batch=True,  # SQLite cannot alter a table in place
-    )
     context.run_migrations()

@@ -23,13 +23,15 @@ def upgrade() -> None:
         sa.PrimaryKeyConstraint("number", name="pk_events"),
     )
     op.create_index("ix_events_twin", "events", ["twin"])
-    op.create_table(
+    head = op.create_table(
         "head",
         sa.Column("id", sa.Integer(), autoincrement=False, nullable=False),
         sa.Column("number", sa.Integer(), nullable=False),
         sa.Column("code", sa.String(), nullable=False),
         sa.PrimaryKeyConstraint("id", name="pk_head"),
     )
+    # There from the start: what is to be locked must exist.
+    op.bulk_insert(head, [{"id": 1, "number": 0, "code": "0" * 64}])
     op.create_table(
         "twins",
         sa.Column("name", sa.String(), nullable=False),

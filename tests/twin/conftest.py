@@ -1,0 +1,95 @@
+"""A PostgreSQL server of the tests' own, in a folder that goes away."""
+
+import os
+import pwd
+import shutil
+import socket
+import subprocess
+from pathlib import Path
+
+import pytest
+from sqlalchemy import create_engine, text
+
+
+def _program(name):
+    found = shutil.which(name)
+    if found:
+        return found
+    places = sorted(Path("/usr/lib/postgresql").glob(f"*/bin/{name}"))
+    return str(places[-1]) if places else None
+
+
+@pytest.fixture(scope="session")
+def postgres(tmp_path_factory):
+    """URL of a real server, without a database's name."""
+    initdb, server = _program("initdb"), _program("postgres")
+    if initdb is None or server is None:
+        pytest.skip("no PostgreSQL server")
+    folder = tmp_path_factory.mktemp("postgres")
+    options = {}
+    if os.getuid() == 0:  # the server refuses to run as root
+        user = pwd.getpwnam("postgres")
+        os.chown(folder, user.pw_uid, user.pw_gid)
+        for parent in [folder, *folder.parents][:3]:
+            parent.chmod(parent.stat().st_mode | 0o011)
+        options = {"user": user.pw_uid, "group": user.pw_gid, "extra_groups": []}
+    data = folder / "data"
+    command = [initdb, "-D", data, "-U", "twin", "-A", "trust", "-E", "UTF8", "--no-sync"]
+    subprocess.run(command, check=True, capture_output=True, cwd="/", **options)
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    with (folder / "log").open("wb") as log:
+        process = subprocess.Popen(
+            [server, "-D", data, "-p", str(port), "-h", "127.0.0.1", "-k", "", "-F"],
+            stdout=log,
+            stderr=log,
+            cwd="/",
+            **options,
+        )
+    url = f"postgresql://twin@127.0.0.1:{port}"
+    try:
+        _wait(url)
+        yield url
+    finally:
+        process.terminate()
+        process.wait(30)
+
+
+def _wait(url):
+    import time
+
+    engine = create_engine(f"{url}/postgres".replace("postgresql:", "postgresql+psycopg:"))
+    for _ in range(300):
+        try:
+            with engine.connect():
+                break
+        except Exception:
+            time.sleep(0.1)
+    else:
+        raise RuntimeError("the PostgreSQL server does not start")
+    engine.dispose()
+
+
+@pytest.fixture
+def postgres_database(postgres, request):
+    """URL of an empty database on a real server."""
+    name = f"db{abs(hash(request.node.nodeid)) % 10**12}"
+    admin = create_engine(
+        f"{postgres}/postgres".replace("postgresql:", "postgresql+psycopg:"),
+        isolation_level="AUTOCOMMIT",
+    )
+    with admin.connect() as connection:
+        connection.execute(text(f"CREATE DATABASE {name}"))
+    yield f"{postgres}/{name}"
+    with admin.connect() as connection:
+        connection.execute(text(f"DROP DATABASE {name} WITH (FORCE)"))
+    admin.dispose()
+
+
+@pytest.fixture(params=["sqlite", "postgresql"])
+def database(request):
+    """URL of an empty database, of each kind there is."""
+    if request.param == "sqlite":
+        return "sqlite:///twin.db"
+    return request.getfixturevalue("postgres_database")
