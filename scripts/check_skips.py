@@ -32,6 +32,8 @@ ALLOWED = {
     # 400 MB that only a machine without a C compiler needs.
     "the compiler from PyPI is not installed": find_spec("ziglang") is None,
     "no cc": which("cc") is None,
+    "no PostgreSQL server": not any(Path("/usr/lib/postgresql").glob("*/bin/postgres")),
+    "no chromium": which("chromium") is None,
     "no unprivileged network namespaces": not _namespaces(),
 }
 
