@@ -51,7 +51,7 @@ from foundation.errors import InputError, TwinproofError, UnknownNameError, Unsu
 from hil.controllers import Controller
 from hil.criteria import Criterion, Deadlines, MissedFrames, SafeState, Verdict
 from hil.margins import Margins
-from hil.plants import PlantSettings, from_here, plant_of
+from hil.plants import Fit, PlantSettings, from_here, plant_of
 from hil.scenario import controller_of, criterion_of
 from hil.settings import Table, build, number, read_toml, unit
 from hil.waveforms import Waveform, waveform_of
@@ -313,6 +313,27 @@ def study_of(table: Table, roots: tuple[Path, ...] = ()) -> Study:
             remedy="add [[criteria]] or [margins]",
         )
     return replace(study, key=_key(study))
+
+
+def with_fit(study: Study, fit: Fit) -> Study:
+    """Return the same study of a plant with other parameters.
+
+    What the study sets itself under `[plant.parameters]` stays.
+
+    Raises:
+        UnknownNameError: The plant has no such parameter.
+    """
+    plant = study.plant
+    known = plant.described.names
+    for name in fit.values:
+        if name not in known:
+            listed = [v.name for v in plant.described.parameters]
+            raise UnknownNameError("parameter", name, listed, where=str(study.path))
+    own = study.table.sub("plant").sub("parameters").values
+    kept = {n: v for n, v in plant.parameters.items() if n in own}
+    plant = replace(plant, fit=fit, parameters={**fit.values, **kept})
+    changed = replace(study, plant=plant)
+    return replace(changed, key=_key(changed))
 
 
 def _controllers(table: Table, plant: PlantSettings, step: float) -> dict[str, Table]:
