@@ -55,6 +55,9 @@ class ServiceSettings:
         listen: Address and port of the API.
         tokens: File with tokens and scopes; empty: none, only loopback.
         store: URL of the database (SQLAlchemy's).
+        key: File of the event log's key: made at the first start, kept outside the database.
+        workers: Processes of a verification.
+        scheduler: Of Dask, that verifications run on; empty: on this machine.
         recordings: Folder for recorded frames.
         recordings_limit: Of that folder for each twin [byte]; the oldest recordings go first.
         recordings_part: After which time a new file is begun [s].
@@ -63,6 +66,9 @@ class ServiceSettings:
     listen: str = "127.0.0.1:8460"
     tokens: str = ""
     store: str = "sqlite:///twin.db"
+    key: str = "audit.key"
+    workers: int = 1
+    scheduler: str = ""
     recordings: str = "recordings"
     recordings_limit: float = 20e9
     recordings_part: float = unit("s", 600.0)
@@ -173,6 +179,9 @@ class VerificationSettings:
         study: TOML file of the what-if study; empty: there is none, the gate stays closed.
         controller: File of the deployed controller.
         draws: Plants that are drawn from the parameters' covariance.
+        widening: Factor on the standard deviations of that: the next estimate has an error too.
+        approval: `automatic`: what passed is in force; `token`: after a person has approved it.
+        settle: How long an estimate must have followed the plant, since a start or a drift [s].
         max_age: Of the evidence [s].
         hold: How long a verdict holds while excitation is low [s].
     """
@@ -180,11 +189,15 @@ class VerificationSettings:
     study: str = ""
     controller: str = ""
     draws: int = 200
+    widening: float = 2.0
+    approval: Literal["automatic", "token"] = "automatic"
+    settle: float = unit("s", 20.0)
     max_age: float = unit("s", 86400.0)
     hold: float = unit("s", 3600.0)
 
     def __post_init__(self) -> None:
         _positive("twin.verification", draws=self.draws, max_age=self.max_age, hold=self.hold)
+        _positive("twin.verification", widening=self.widening, settle=self.settle)
 
 
 @dataclass(frozen=True, eq=False)

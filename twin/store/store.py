@@ -32,6 +32,9 @@ from twin.store.tables import (
 
 _BATCH = 1000
 
+Action = Callable[[Session], None]
+"""Something done in the transaction that appends to the log."""
+
 
 class Store(Closing):
     """The store. Any thread may use it; every call is one transaction.
@@ -111,7 +114,7 @@ class Store(Closing):
     # The event log
 
     def append(
-        self, events: Sequence[Event], clock: Callable[[], float], *also: Callable[[Session], None]
+        self, events: Sequence[Event], clock: Callable[[], float], *also: Action
     ) -> list[Entry]:
         """Append to the log. When this returns, the events outlive a kill.
 
@@ -355,7 +358,7 @@ class Store(Closing):
 # What goes into the same transaction as the events that tell it
 
 
-def save_twin(record: TwinRecord) -> Callable[[Session], None]:
+def save_twin(record: TwinRecord) -> Action:
     """Return the action that keeps a twin's state."""
 
     def action(session: Session) -> None:
@@ -364,7 +367,7 @@ def save_twin(record: TwinRecord) -> Callable[[Session], None]:
     return action
 
 
-def save_set(parameters: ParameterSet) -> Callable[[Session], None]:
+def save_set(parameters: ParameterSet) -> Action:
     """Return the action that keeps a candidate; one that is there keeps its state."""
 
     def action(session: Session) -> None:
@@ -382,7 +385,7 @@ def save_set(parameters: ParameterSet) -> Callable[[Session], None]:
     return action
 
 
-def save_evidence(evidence: Evidence) -> Callable[[Session], None]:
+def save_evidence(evidence: Evidence) -> Action:
     """Return the action that keeps evidence; its set is refused if it did not pass."""
 
     def action(session: Session) -> None:
@@ -405,7 +408,7 @@ def save_evidence(evidence: Evidence) -> Callable[[Session], None]:
     return action
 
 
-def promote(id_: str, evidence: str, time: float) -> Callable[[Session], None]:
+def promote(id_: str, evidence: str, time: float) -> Action:
     """Return the action that puts a set into force.
 
     Raises (the action):
@@ -429,7 +432,7 @@ def promote(id_: str, evidence: str, time: float) -> Callable[[Session], None]:
     return action
 
 
-def roll_back(twin: str, to: str) -> Callable[[Session], None]:
+def roll_back(twin: str, to: str) -> Action:
     """Return the action that refuses the set in force and puts an earlier one in its place."""
 
     def action(session: Session) -> None:
@@ -447,7 +450,7 @@ def roll_back(twin: str, to: str) -> Callable[[Session], None]:
 
 def save_artifact(
     id_: str, kind: str, name: str, time: float, parents: Iterable[str] = ()
-) -> Callable[[Session], None]:
+) -> Action:
     """Return the action that gives something its place in the lineage."""
     listed = [p for p in dict.fromkeys(parents) if p != id_]
 

@@ -1,0 +1,504 @@
+"""One twin: its pipeline, whether its plant is verified, and what must be done about it."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from foundation.errors import InputError
+from recordings.readers.can_frames import Frames
+from twin.estimate import Estimate
+from twin.events import JSON, Event, EventKind
+from twin.gate import Decision, Limits, Question, Situation, decide
+from twin.journal import Journal
+from twin.lifecycle import Life, Pace, after, due, refused, rolled_back, verified
+from twin.settings import TwinSettings
+from twin.store.documents import Evidence, ParameterSet
+from twin.store.store import (
+    Action,
+    promote,
+    roll_back,
+    save_artifact,
+    save_evidence,
+    save_set,
+    save_twin,
+)
+from twin.verification import Job, controller_hash, file_hash, study_hash
+
+AUTOMATIC = "service"
+"""In place of a token's name: nobody was asked."""
+
+
+class Follower(Protocol):
+    """What a monitor needs of a pipeline."""
+
+    @property
+    def estimate(self) -> Estimate | None:
+        """The newest one."""
+        ...
+
+    @property
+    def newest(self) -> float | None:
+        """Time of the newest good data [s]."""
+        ...
+
+    def feed(self, frames: Frames) -> list[Event]:
+        """Take frames and say what happened."""
+        ...
+
+    def idle(self, now: float) -> list[Event]:
+        """Say what happened because nothing came."""
+        ...
+
+    def verify(self, parameters: ParameterSet) -> None:
+        """Compare with these parameters from now on."""
+        ...
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """Recorded frames that an estimate comes from.
+
+    Attributes:
+        name: File and how much of it.
+        sha256: Of that much.
+    """
+
+    name: str
+    sha256: str
+
+
+class Monitor:
+    """A twin in service. Any thread may use it; what takes long is left to the caller.
+
+    Args:
+        settings: Of the twin.
+        pipeline: Makes the pipeline, given the model's word and the parameters to compare with.
+        journal: Where everything goes.
+        clock: Says what time it is, in the frames' time [s].
+        roots: Folders of further Modelica libraries.
+    """
+
+    def __init__(
+        self,
+        settings: TwinSettings,
+        pipeline: Callable[[TwinSettings, ParameterSet], Follower],
+        journal: Journal,
+        clock: Callable[[], float],
+        *,
+        roots: tuple[Path, ...] = (),
+    ) -> None:
+        self.settings = settings
+        self.journal = journal
+        self._clock = clock
+        self._roots = roots
+        self._lock = threading.RLock()
+        self._busy = False
+        self._asked = ""
+        self._decision: Decision | None = None
+        self._model = file_hash(settings.plant.fmu)
+        store = journal.store
+        self._in_force = store.verified(settings.name)
+        self._life = Life(store.twin(settings.name))
+        if self._in_force is not None and self._in_force[0].model != self._model:
+            self._unverify("the model was changed")
+        if self._in_force is None:
+            self._unverify(self._life.record.because)
+        start = self._in_force[0] if self._in_force is not None else self._first()
+        self.pipeline = pipeline(settings, start)
+        self._start = start
+        self._write(
+            [
+                Event(
+                    clock(),
+                    self.name,
+                    EventKind.STARTED,
+                    {"model": settings.plant.model, "parameters": dict(start.values)},
+                )
+            ],
+            save_twin(self._life.record),
+        )
+
+    @property
+    def name(self) -> str:
+        """Of the twin."""
+        return self.settings.name
+
+    @property
+    def life(self) -> Life:
+        """What has happened so far."""
+        return self._life
+
+    @property
+    def in_force(self) -> tuple[ParameterSet, Evidence] | None:
+        """The verified parameters and their evidence."""
+        return self._in_force
+
+    @property
+    def verifying(self) -> bool:
+        """Whether a verification is under way."""
+        return self._busy
+
+    # What comes from the plant
+
+    def feed(self, frames: Frames) -> list[Event]:
+        """Take frames; return what happened. The gate has heard of it when this returns."""
+        with self._lock:
+            return self._take(self.pipeline.feed(frames))
+
+    def tick(self) -> list[Event]:
+        """Look at what time alone changes: silence, ages."""
+        with self._lock:
+            return self._take(self.pipeline.idle(self._clock()))
+
+    def interrupted(self, now: float) -> None:
+        """Forget that telemetry was followed: a clock was set, or frames were lost."""
+        with self._lock:
+            if self._life.followed_since is not None:
+                self._life = replace(self._life, followed_since=now)
+
+    def _take(self, events: list[Event]) -> list[Event]:
+        before = self._life
+        newest = self.pipeline.newest
+        if newest is not None and before.followed_since is None and not before.stale:
+            self._life = replace(before, followed_since=newest)
+        for event in events:
+            self._life = after(self._life, event)
+        events = [*events, *self._gate_moved()]
+        changed = self._life.record != before.record
+        if events or changed:
+            self._write(events, *([save_twin(self._life.record)] if changed else []))
+        return events
+
+    # The gate
+
+    def decide(self, controller: str | None = None) -> Decision:
+        """Return whether a controller may be deployed now.
+
+        Args:
+            controller: Its hash (`twin.verification.controller_hash`); None: the deployed one's.
+        """
+        with self._lock:
+            try:
+                asked = self._question(controller)
+            except InputError as error:
+                return Decision(False, str(error))
+            return decide(asked, self._situation(), self._limits)
+
+    def _question(self, controller: str | None) -> Question:
+        v = self.settings.verification
+        if not v.study or not v.controller:
+            raise InputError(
+                "the twin has no study or no controller to verify",
+                where=f"{self.settings.path}, twin.verification",
+                remedy="name both",
+            )
+        deployed = controller or controller_hash(self.settings.file(v.controller))
+        study = study_hash(self.settings.file(v.study), v.draws, v.widening)
+        return Question(deployed, self._model, study)
+
+    @property
+    def _limits(self) -> Limits:
+        v = self.settings.verification
+        return Limits(v.max_age, self.settings.stale, v.hold, v.settle)
+
+    def _situation(self) -> Situation:
+        estimate = self.pipeline.estimate
+        life, failure = self._life, self.journal.failure
+        return Situation(
+            now=self._clock(),
+            verified=life.is_verified,
+            because=failure or life.record.because,
+            healthy=not failure,
+            telemetry=None if life.stale else self.pipeline.newest,
+            followed_since=life.followed_since,
+            estimate=None if estimate is None else estimate.time,
+            values=None if estimate is None else estimate.values,
+            evidence=() if self._in_force is None else (self._in_force[1],),
+        )
+
+    def _gate_moved(self) -> list[Event]:
+        decision = self.decide()
+        before, self._decision = self._decision, decision
+        if before is not None and before.allowed == decision.allowed:
+            return []
+        detail: dict[str, JSON] = {"allowed": decision.allowed, "because": decision.because}
+        if decision.evidence is not None:
+            detail["evidence"] = decision.evidence
+        return [Event(self._clock(), self.name, EventKind.GATE, detail)]
+
+    # Verification
+
+    def ask_for_verification(self, who: str) -> None:
+        """Have the plant verified now, whatever happened before."""
+        with self._lock:
+            self._asked = f"asked by {who}"
+
+    def next_job(self) -> tuple[Job, str] | None:
+        """Return what should be verified now and why; None: nothing.
+
+        After that the twin is busy until `conclude` or `give_up`.
+        """
+        with self._lock:
+            v = self.settings.verification
+            if self._busy or self.journal.failure or not (v.study and v.controller):
+                return None
+            why = self._asked or self._due()
+            candidate = self._candidate() if why else None
+            if candidate is None:
+                return None
+            self._busy, self._asked = True, ""
+            job = Job(
+                candidate,
+                self.settings.plant.model,
+                self.settings.file(v.study),
+                self.settings.file(v.controller),
+                v.draws,
+                v.widening,
+                self._roots,
+            )
+            return job, why
+
+    def _due(self) -> str:
+        v = self.settings.verification
+        pace = Pace(v.settle, v.settle + 3 * self.settings.drift.diagnose, v.settle, v.max_age)
+        if self.settings.drift.diagnose == 0:
+            pace = replace(pace, diagnosis=0.0)
+        at = None if self._in_force is None else self._in_force[1].time
+        decision = decide(self._question(None), self._situation(), self._limits)
+        # A decision about evidence; one about silence or age of telemetry names none.
+        left = decision.because if decision.evidence is not None and not decision.allowed else ""
+        return due(self._life, pace, self._clock(), at, left)
+
+    def _candidate(self) -> ParameterSet | None:
+        """Return the parameters as the data say they are now; None: that is not known yet."""
+        estimate, since = self.pipeline.estimate, self._life.followed_since
+        never = self._in_force is None and self._life.drift is None
+        if never and self._life.attempt is None:
+            return self._start  # as `identify` found them
+        if estimate is None or since is None:
+            return None
+        # Until then the estimate is still what it started from.
+        begun = max(since, self._life.drift or since)
+        if estimate.time - begun < self.settings.verification.settle:
+            return None
+        values = {n: float(v) for n, v in estimate.values.items()}
+        matrix = np.asarray(estimate.covariance, dtype=float)
+        if not (np.all(np.isfinite(matrix)) and np.all(np.isfinite(list(values.values())))):
+            return None
+        return ParameterSet(
+            self.name,
+            float(estimate.time),
+            self._model,
+            estimate.names,
+            values,
+            tuple(tuple(row) for row in matrix.tolist()),
+            {"method": self.settings.estimator.kind},
+        )
+
+    def _first(self) -> ParameterSet:
+        fit = self.settings.plant.fit
+        if fit is None:
+            raise InputError(
+                "the twin has no parameters to start from",
+                where=f"{self.settings.path}, twin {self.name}",
+                remedy='write parameters_from = "fit.json" (of `twinproof identify --json`)',
+            )
+        values = {**fit.values, **self.settings.plant.parameters}
+        return ParameterSet(
+            self.name,
+            self._clock(),
+            self._model,
+            fit.names,
+            {n: float(v) for n, v in values.items()},
+            tuple(tuple(row) for row in fit.covariance.tolist()),
+            {"method": "identify"},
+        )
+
+    def conclude(
+        self, job: Job, evidence: Evidence, recorded: Iterable[Recorded] = ()
+    ) -> list[Event]:
+        """Take the evidence of a verification: into force, or refused.
+
+        Args:
+            job: From `next_job`.
+            evidence: Of it.
+            recorded: What the parameters come from.
+        """
+        with self._lock:
+            self._busy = False
+            set_ = job.parameters
+            events = [
+                Event(
+                    evidence.time,
+                    self.name,
+                    EventKind.VERIFICATION,
+                    {
+                        "passed": evidence.passed,
+                        "runs": evidence.detail.get("runs"),
+                        "runs_passed": evidence.detail.get("passed"),
+                        "seconds": evidence.detail.get("seconds"),
+                        "evidence": evidence.id,
+                        "parameters": set_.id,
+                        "controller": evidence.controller,
+                    },
+                )
+            ]
+            actions = [
+                save_set(set_),
+                save_evidence(evidence),
+                *_lineage(job, evidence, list(recorded)),
+            ]
+            drifted = self._life.drift is not None and set_.time < self._life.drift
+            if not evidence.passed:
+                runs, passed = evidence.detail.get("runs"), evidence.detail.get("passed")
+                because = f"the controller passed only {passed} of {runs} runs of its study"
+                self._life = refused(self._life, self._clock(), because)
+            elif drifted:
+                # What was verified is no longer the plant.
+                self._life = replace(self._life, attempt=None)
+            elif self.settings.verification.approval == "automatic":
+                return self._promote(set_, evidence, AUTOMATIC, events, actions)
+            else:
+                self._life = replace(
+                    self._life,
+                    attempt=self._clock(),
+                    refused=True,
+                    record=replace(self._life.record, because="passed, and waits for approval"),
+                )
+            return self._settle(events, actions)
+
+    def give_up(self, job: Job, because: str) -> list[Event]:
+        """Take it that a verification could not be carried out."""
+        with self._lock:
+            self._busy = False
+            self._life = refused(self._life, self._clock(), f"verification failed: {because}")
+            event = Event(
+                self._clock(),
+                self.name,
+                EventKind.VERIFICATION,
+                {"passed": False, "because": because, "parameters": job.parameters.id},
+            )
+            return self._settle([event], [])
+
+    def approve(self, parameters: str, token: str) -> list[Event]:
+        """Put a set that passed its verification into force, in a person's name.
+
+        Raises:
+            InputError: It did not pass, or the plant has drifted since.
+            UnknownNameError: There is no such set or evidence.
+        """
+        with self._lock:
+            rows = self.journal.store.parameter_sets(self.name)
+            row = next((r for r in rows if r["id"] == parameters), None)
+            found = None if row is None or row["evidence"] is None else row["evidence"]
+            if row is None or found is None or row["state"] == "refused":
+                raise InputError(
+                    f"parameter set {parameters[:12]} has not passed a verification",
+                    remedy="choose a candidate that has",
+                )
+            set_, evidence = ParameterSet.of(row), self.journal.store.evidence(str(found))
+            if self._life.drift is not None and set_.time < self._life.drift:
+                raise InputError(
+                    "the plant has drifted since",
+                    where=f"parameter set {parameters[:12]}",
+                    remedy="wait for the next verification",
+                )
+            return self._promote(set_, evidence, token, [], [])
+
+    def roll_back(self, token: str) -> list[Event]:
+        """Put the set that was in force before the present one into force again.
+
+        The plant stays unverified until its estimate is inside what was verified then.
+
+        Raises:
+            InputError: There was none.
+        """
+        with self._lock:
+            store = self.journal.store
+            to = store.earlier(self.name)
+            if to is None:
+                raise InputError(
+                    "no earlier parameters were in force", where=self.name, remedy="verify anew"
+                )
+            self._life = rolled_back(self._life, self._clock(), f"rolled back by {token}")
+            event = Event(
+                self._clock(), self.name, EventKind.ROLLED_BACK, {"parameters": to, "token": token}
+            )
+            store_first = [roll_back(self.name, to), save_twin(self._life.record)]
+            self._write([event], *store_first)
+            self._in_force = store.verified(self.name)
+            if self._in_force is not None:
+                self.pipeline.verify(self._in_force[0])
+            return [event, *self._settle([], [])]
+
+    def _promote(
+        self,
+        set_: ParameterSet,
+        evidence: Evidence,
+        token: str,
+        events: list[Event],
+        actions: list[Action],
+    ) -> list[Event]:
+        now = self._clock()
+        approval = f"approval:{evidence.id}"
+        detail: dict[str, JSON] = {"token": token, "evidence": evidence.id, "parameters": set_.id}
+        events = [*events, Event(now, self.name, EventKind.APPROVAL, detail)]
+        events.append(Event(now, self.name, EventKind.PROMOTED, dict(detail)))
+        actions = [
+            *actions,
+            promote(set_.id, evidence.id, now),
+            save_artifact(approval, "approval", token, now, [evidence.id]),
+        ]
+        life = verified(self._life, now)
+        # In the store first: what is not there after a kill was never in force.
+        if self._write(events, *actions, save_twin(life.record)):
+            self._life, self._in_force = life, (set_, evidence)
+            self.pipeline.verify(set_)
+        else:
+            self._unverify("the verification could not be stored")
+        moved = self._gate_moved()
+        if moved:
+            self._write(moved)
+        return [*events, *moved]
+
+    def _settle(self, events: list[Event], actions: list[Action]) -> list[Event]:
+        events = [*events, *self._gate_moved()]
+        self._write(events, *actions, save_twin(self._life.record))
+        return events
+
+    def _unverify(self, because: str) -> None:
+        record = replace(self._life.record, state="unverified", because=because)
+        self._life = replace(self._life, record=record)
+
+    def _write(self, events: list[Event], *also: Action) -> bool:
+        return self.journal.write(events, *also)
+
+    def stop(self) -> None:
+        """End in order."""
+        with self._lock:
+            self._write([Event(self._clock(), self.name, EventKind.STOPPED)])
+
+
+def _lineage(job: Job, evidence: Evidence, recorded: list[Recorded]) -> list[Action]:
+    """Return what gives a verification its place: recording → parameters → FMU → study."""
+    set_ = job.parameters
+    return [
+        *(save_artifact(r.sha256, "recording", r.name, set_.time) for r in recorded),
+        save_artifact(set_.id, "parameters", set_.twin, set_.time, [r.sha256 for r in recorded]),
+        save_artifact(evidence.model, "model", job.model, set_.time),
+        save_artifact(evidence.controller, "controller", job.controller.name, set_.time),
+        save_artifact(evidence.study, "study", job.study.name, set_.time),
+        save_artifact(
+            evidence.id,
+            "evidence",
+            set_.twin,
+            evidence.time,
+            [set_.id, evidence.model, evidence.study, evidence.controller],
+        ),
+    ]
