@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, TypeAlias
 
 import numpy as np
+import numpy.typing as npt
 
 from foundation.errors import InputError
 from recordings.readers.can_frames import Frames
@@ -30,8 +31,42 @@ from twin.store.store import (
 )
 from twin.verification import Job, controller_hash, file_hash, study_hash
 
+Array: TypeAlias = npt.NDArray[np.float64]
 AUTOMATIC = "service"
 """In place of a token's name: nobody was asked."""
+
+
+class Samples(Protocol):
+    """Outputs over the last while, as columns."""
+
+    @property
+    def time(self) -> Array:
+        """(n,) [s]."""
+        ...
+
+    @property
+    def output_names(self) -> tuple[str, ...]:
+        """Of the columns."""
+        ...
+
+    @property
+    def measured(self) -> Array:
+        """(n, ny); NaN where missing."""
+        ...
+
+    @property
+    def predicted(self) -> Array:
+        """(n, ny)."""
+        ...
+
+
+class Health(Protocol):
+    """How the data are."""
+
+    @property
+    def counts(self) -> Mapping[str, int]:
+        """What was received, lost, refused, by reason."""
+        ...
 
 
 class Follower(Protocol):
@@ -45,6 +80,21 @@ class Follower(Protocol):
     @property
     def newest(self) -> float | None:
         """Time of the newest good data [s]."""
+        ...
+
+    @property
+    def drift(self) -> Mapping[str, JSON]:
+        """The tests as they stand: `statistics`, `threshold`, …"""
+        ...
+
+    @property
+    def health(self) -> Health:
+        """How the data are."""
+        ...
+
+    @property
+    def predictions(self) -> Samples:
+        """Measured and predicted, of the last while."""
         ...
 
     def feed(self, frames: Frames) -> list[Event]:
@@ -138,6 +188,16 @@ class Monitor:
     def in_force(self) -> tuple[ParameterSet, Evidence] | None:
         """The verified parameters and their evidence."""
         return self._in_force
+
+    @property
+    def reference(self) -> ParameterSet:
+        """What the plant is compared with: the verified parameters, or those of the start."""
+        return self._start if self._in_force is None else self._in_force[0]
+
+    def unit(self, parameter: str) -> str:
+        """Return a parameter's unit."""
+        described = self.settings.plant.described.parameters
+        return next((v.unit for v in described if v.name == parameter), "")
 
     @property
     def verifying(self) -> bool:

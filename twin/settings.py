@@ -56,8 +56,8 @@ class ServiceSettings:
         tokens: File with tokens and scopes; empty: none, only loopback.
         store: URL of the database (SQLAlchemy's).
         key: File of the event log's key: made at the first start, kept outside the database.
-        workers: Processes of a verification.
-        scheduler: Of Dask, that verifications run on; empty: on this machine.
+        scheduler: Of Dask, that verifications run on; empty: in a process
+            of this machine.
         recordings: Folder for recorded frames.
         recordings_limit: Of that folder for each twin [byte]; the oldest recordings go first.
         recordings_part: After which time a new file is begun [s].
@@ -67,7 +67,6 @@ class ServiceSettings:
     tokens: str = ""
     store: str = "sqlite:///twin.db"
     key: str = "audit.key"
-    workers: int = 1
     scheduler: str = ""
     recordings: str = "recordings"
     recordings_limit: float = 20e9

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 
@@ -97,8 +98,12 @@ class Clock:
 
     def __init__(self, now=1000.0):
         self.now = now
+        self.shift = 0.0
 
     def __call__(self):
+        return self.now + self.shift
+
+    def steady(self):
         return self.now
 
 
@@ -110,6 +115,16 @@ class Script:
         self.reference = start
         self.estimate = None
         self.newest = None
+        self.drift = {"state": "stable", "threshold": 5.0, "statistics": {"J": 1.5}}
+        self.health = SimpleNamespace(counts={"refused": 0})
+
+    @property
+    def predictions(self):
+        times = np.linspace(0.0, 2.0, 201) + (self.newest or 0.0) - 2.0
+        measured = np.sin(times)[:, None]
+        return SimpleNamespace(
+            time=times, output_names=("theta",), measured=measured, predicted=measured - 0.1
+        )
 
     def at(self, time, **values):
         """Have an estimate at a time, with some parameters moved."""
@@ -153,3 +168,67 @@ def evidence_for(job, time, *, passed=True, **changes):
         {"runs": 8, "passed": 8 if passed else 3, "seconds": 0.1},
     )
     return replace(found, **changes)
+
+
+class Silent:
+    """A source that gives what a test puts into it."""
+
+    def __init__(self, settings, twin):
+        self.waiting = []
+        self.failing = {}
+        self.closed = False
+
+    def read(self):
+        waiting, self.waiting = self.waiting, []
+        return waiting
+
+    def faults(self):
+        return dict(self.failing)
+
+    def counts(self):
+        return {"received": 7}
+
+    def recorded(self):
+        return []
+
+    def close(self):
+        self.closed = True
+
+
+def scripted_service(folder, names=("robot",), *, verification=None, clock=None, **options):
+    """Return a service of scripted twins that does nothing by itself."""
+    from twin.service import Service
+
+    clock = clock or Clock()
+    path = write_config(folder, names, **options)
+    judge = verification or (lambda job: evidence_for(job, clock.now))
+    service = Service(path, Script, Silent, clock=clock, steady=clock.steady, verification=judge)
+    service.start(threads=False)
+    return service
+
+
+def settle(service, **values):
+    """Bring all twins of a scripted service to where their gates are open."""
+    wait_for_verification(service)
+    for _ in range(2):
+        service.clock.now += 6.0
+        for monitor in service.monitors.values():
+            monitor.pipeline.at(service.clock.now - 0.01, **values)
+            monitor.feed([])
+        service.step()
+
+
+def wait_for_verification(service, seconds=20.0):
+    import time
+
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        service._next.clear()
+        service.step()
+        lives = [m.life for m in service.monitors.values()]
+        if all(life.attempt is not None for life in lives) and not any(
+            m.verifying for m in service.monitors.values()
+        ):
+            return
+        time.sleep(0.005)
+    raise AssertionError("no verification came to an end")

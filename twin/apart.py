@@ -1,0 +1,79 @@
+"""Work in a process of its own: the twins keep their core, and a stop does not wait for it."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import threading
+from collections.abc import Callable
+from multiprocessing.connection import Connection
+from typing import Any, ParamSpec, TypeVar
+
+from foundation.errors import ComputationError, TwinproofError
+
+P = ParamSpec("P")
+T = TypeVar("T")
+_LOOK = 0.2
+_COURTESY = 10
+
+
+def apart(stop: threading.Event, function: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
+    """Call a function in a process of its own, at low priority.
+
+    Args:
+        stop: When it is set, the process is ended.
+        function: Importable by name; like its arguments and its result it must be picklable.
+        args, kwargs: Of it.
+
+    Raises:
+        TwinproofError: What the function raised.
+        ComputationError: It was stopped, or its process died.
+    """
+    context = multiprocessing.get_context("spawn")
+    ours, theirs = context.Pipe(duplex=False)
+    process = context.Process(
+        target=_work, args=(theirs, os.getpid(), function, args, kwargs), daemon=True
+    )
+    process.start()
+    theirs.close()
+    try:
+        while not ours.poll(_LOOK):
+            if stop.is_set():
+                raise ComputationError("it was stopped", remedy="start it again")
+        done, value = ours.recv()
+    except EOFError as error:
+        process.join()
+        raise ComputationError(
+            f"its process ended with status {process.exitcode}", remedy="see its messages"
+        ) from error
+    finally:
+        process.terminate()
+        process.join()
+        process.close()
+        ours.close()
+    if not done:
+        raise value
+    return value
+
+
+def _work(
+    pipe: Connection, parent: int, function: Callable[..., Any], args: Any, kwargs: Any
+) -> None:
+    if hasattr(os, "nice"):
+        os.nice(_COURTESY)
+    threading.Thread(target=_follow, args=(parent,), daemon=True).start()
+    try:
+        result = True, function(*args, **kwargs)
+    except TwinproofError as error:
+        result = False, error
+    except Exception as error:
+        result = False, ComputationError(f"{type(error).__name__}: {error}")
+    pipe.send(result)
+
+
+def _follow(parent: int) -> None:
+    """End with the service, also if that is killed."""
+    waiting = threading.Event()
+    while os.getppid() == parent:
+        waiting.wait(1.0)
+    os._exit(1)
