@@ -147,8 +147,8 @@ def event(time, kind, twin="robot", **detail):
     return Event(time, twin, kind, detail)
 
 
-def drift(time, parameter="J"):
-    return event(time, EventKind.DRIFT, parameter=parameter, statistic=9.0, threshold=5.0)
+def drift(time, parameter="J", twin="robot"):
+    return event(time, EventKind.DRIFT, twin, parameter=parameter, statistic=9.0, threshold=5.0)
 
 
 def evidence_for(job, time, *, passed=True, **changes):

@@ -5,14 +5,13 @@ import json
 import re
 import threading
 import time
-from contextlib import contextmanager
 
 import httpx2
 import pytest
 import schemathesis
-import uvicorn
 from fastapi.testclient import TestClient
 from hypothesis import HealthCheck, given, settings
+from live_server import served
 from prometheus_client.parser import text_string_to_metric_families
 from schemathesis.checks import not_a_server_error, response_schema_conformance
 from scripted import read_config, scripted_service, settle, write_config
@@ -261,22 +260,6 @@ def test_tokens_are_kept_as_hashes_for_their_owner_only(tmp_path):
 
 
 # Live data: a real server, since a test client waits for the end of a stream.
-
-
-@contextmanager
-def served(app):
-    server = uvicorn.Server(uvicorn.Config(app, port=0, log_config=None, lifespan="off"))
-    thread = threading.Thread(target=server.run)
-    thread.start()
-    while not server.started:
-        time.sleep(0.01)
-    port = server.servers[0].sockets[0].getsockname()[1]
-    try:
-        yield f"http://127.0.0.1:{port}", server
-    finally:
-        app.state.service.hub.close()
-        server.should_exit = True
-        thread.join()
 
 
 def test_many_readers_get_live_data_and_an_end(tmp_path):
