@@ -18,7 +18,8 @@ trap 'rm -rf "$work"' EXIT
 wheel=$(echo "$work"/dist/*.whl)
 
 "$python" -m zipfile --list "$wheel" >"$work/names"
-for needed in Twinproof/package.mo demo_data/balancing.blf demo_data/held_out.blf LICENSE; do
+for needed in Twinproof/package.mo demo_data/balancing.blf demo_data/held_out.blf LICENSE \
+    workbench/static/index.html workbench/static/vendor/uPlot.min.js; do
     grep -q "$needed" "$work/names" || fail "$needed is not in it"
 done
 if grep -E '^(tests|benchmarks|examples|docs)/' "$work/names"; then

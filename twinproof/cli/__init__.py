@@ -6,23 +6,88 @@ import os
 import sys
 import traceback
 from difflib import get_close_matches
+from importlib import import_module
 from importlib.metadata import version
+from typing import NamedTuple
 
 import click
+from click.shell_completion import CompletionItem
 
 from foundation.errors import TwinproofError
-from twinproof.cli.data import data
-from twinproof.cli.demo import demo
-from twinproof.cli.design import design
-from twinproof.cli.hil import hil
-from twinproof.cli.journey import compare, diagnose, extend, identify, improve
-from twinproof.cli.models import check, effects, export, places, simulate
-from twinproof.cli.poles import place_poles
-from twinproof.cli.whatif import whatif
+
+
+class _Home(NamedTuple):
+    module: str
+    says: str
+
+
+# Where each command is, and the first line of its help: the list of commands and the completion of
+# a shell must not wait for the numerical packages. A test keeps the lines in step.
+_COMMANDS = {
+    "compare": _Home("journey", "How well MODEL explains DATA, and where it fails."),
+    "identify": _Home("journey", "Fit MODEL's parameters to DATA, with standard deviations."),
+    "diagnose": _Home("journey", "Fit MODEL to DATA and find which physical effect it lacks."),
+    "extend": _Home("journey", "Write the Modelica class that has effects added to MODEL."),
+    "improve": _Home(
+        "journey",
+        "Compare, diagnose, add, refit, step by step; score on unseen data once at the end.",
+    ),
+    "workbench": _Home(
+        "workbench",
+        "Compare, diagnose, add and score in a browser; the project is plain files in DIR.",
+    ),
+    "demo": _Home(
+        "demo", "Find the hidden effect in a bundled CAN log of a balancing wheeled pendulum."
+    ),
+    "data": _Home("data", "Measured data sets that are known by name."),
+    "places": _Home("models", "Where effects can act on MODEL, with units."),
+    "effects": _Home("models", "Which effects there are."),
+    "simulate": _Home("models", "Run MODEL (Modelica, FMU or SSP) and write its outputs as CSV."),
+    "export": _Home(
+        "models", "Translate MODEL to an FMU (Co-Simulation and Model Exchange in one file)."
+    ),
+    "check": _Home(
+        "models", "Try an FMU against a conformance list; exit status 1 if a line fails."
+    ),
+    "design": _Home(
+        "design", "Plan an experiment that tells MODEL's parameters, or judge the one in DATA."
+    ),
+    "place-poles": _Home(
+        "poles",
+        "Data-driven pole placement: model and gain u = F x + v from states and inputs in DATA.",
+    ),
+    "hil": _Home("hil", "Hardware in the loop: controllers against a plant over a CAN bus."),
+    "whatif": _Home("whatif", "Run STUDY.toml; exit status 1 if a run does not meet a criterion."),
+}
 
 
 class _Group(click.Group):
-    """A group that offers the nearest command for one that it does not know."""
+    """A group that imports a command when it is needed, and offers the nearest for a wrong one."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002 - click's
+        return list(_COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:  # noqa: ARG002
+        home = _COMMANDS.get(cmd_name)
+        if home is None:
+            return None
+        return getattr(import_module(f"twinproof.cli.{home.module}"), cmd_name.replace("-", "_"))
+
+    def format_commands(
+        self,
+        ctx: click.Context,  # noqa: ARG002
+        formatter: click.HelpFormatter,
+    ) -> None:
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, home.says) for name, home in _COMMANDS.items()])
+
+    def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
+        commands = [
+            CompletionItem(name, help=home.says)
+            for name, home in _COMMANDS.items()
+            if name.startswith(incomplete)
+        ]
+        return commands + click.Command.shell_complete(self, ctx, incomplete)
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
@@ -50,27 +115,6 @@ def command() -> None:
       twinproof compare Twinproof.Plants.Positioner emps
       twinproof improve Twinproof.Plants.Positioner emps --holdout emps-pulses -o out
     """
-
-
-for _command in (
-    export,
-    check,
-    simulate,
-    places,
-    effects,
-    compare,
-    identify,
-    diagnose,
-    extend,
-    improve,
-    design,
-    place_poles,
-    hil,
-    whatif,
-    data,
-    demo,
-):
-    command.add_command(_command)
 
 
 def main() -> None:

@@ -13,7 +13,7 @@ from twinproof.report.comparison import error_sentence, record_context
 from twinproof.report.page import provenance, write_page
 from twinproof.report.tables import candidate_rows
 
-_MEANS = {
+MEANS = {
     Outcome.COMPLETE: "What the fitted model leaves over is the sensors’ noise.",
     Outcome.EFFECT: "It passed cross-validation on windows that its fit had not seen. "
     "“twinproof improve” adds it.",
@@ -54,7 +54,7 @@ def write_diagnosis(
         "diagnosis.html",
         headline=wording.diagnosis_headline(diagnosis, problem.dae.name),
         verdict=diagnosis.outcome.value,
-        means=_MEANS[diagnosis.outcome],
+        means=MEANS[diagnosis.outcome],
         summary=error_sentence(problem, comparison),
         refitted=refitted,
         scored=scored,

@@ -1,0 +1,84 @@
+"""The command line's help: quick, complete, and it forgives a slip of the pen."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import click
+import pytest
+from click.shell_completion import ShellComplete
+from click.testing import CliRunner
+
+from twinproof.cli import command
+
+CONTEXT = click.Context(command, info_name="twinproof")
+NAMES = command.list_commands(CONTEXT)
+
+
+def commands() -> list[tuple[str, click.Command]]:
+    """Return every command and every command of a group, with its words."""
+    found: list[tuple[str, click.Command]] = []
+    for name in NAMES:
+        one = command.get_command(CONTEXT, name)
+        assert one is not None
+        if isinstance(one, click.Group):
+            found += [(f"{name} {sub}", c) for sub, c in one.commands.items()]
+        else:
+            found.append((name, one))
+    return found
+
+
+def test_the_list_of_commands_says_what_each_one_says() -> None:
+    listed = CliRunner().invoke(command, ["--help"]).output
+    for name in NAMES:
+        one = command.get_command(CONTEXT, name)
+        assert one is not None
+        assert one.help
+        said = {item.value: item.help for item in command.shell_complete(CONTEXT, name)}
+        assert said[name] == one.help.strip().splitlines()[0]
+        assert f"  {name} " in listed
+
+
+@pytest.mark.parametrize(("words", "one"), commands(), ids=lambda v: v if type(v) is str else "")
+def test_every_command_has_an_example_and_explains_its_options(
+    words: str, one: click.Command
+) -> None:
+    assert one.help
+    assert f"twinproof {words} " in one.help or f"twinproof {words}\n" in f"{one.help}\n"
+    for option in one.params:
+        if isinstance(option, click.Option):
+            assert option.help, f"{words} {option.opts}"
+
+
+def test_help_and_completion_do_not_wait_for_the_numerical_packages() -> None:
+    script = (
+        "import sys; from twinproof.cli import command; from click.testing import CliRunner;"
+        "r = CliRunner().invoke(command, ['--help']); assert r.exit_code == 0, r.output;"
+        "slow = {'numpy', 'scipy', 'casadi', 'pandas', 'matplotlib'} & set(sys.modules);"
+        "sys.exit(str(slow) if slow else 0)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+
+
+def test_a_shell_completes_commands_and_options() -> None:
+    completion = ShellComplete(command, {}, "twinproof", "_TWINPROOF_COMPLETE")
+    assert [c.value for c in completion.get_completions([], "id")] == ["identify"]
+    assert "--holdout" in [c.value for c in completion.get_completions(["improve"], "--")]
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["comparr"], "Did you mean 'compare'"),
+        (["data", "lst"], "Did you mean 'list'"),
+        (["improve", "--holdut", "x"], "--holdout"),
+    ],
+)
+def test_a_slip_of_the_pen_is_understood(words: list[str], said: str) -> None:
+    result = CliRunner().invoke(command, words)
+    assert result.exit_code == 2
+    assert said in result.output

@@ -1,0 +1,329 @@
+"""What takes long: every task reads the project's files, and writes its answer among them."""
+
+from __future__ import annotations
+
+import os
+import shlex
+from collections.abc import Callable, Generator, Mapping
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fmus.package import export as export_fmu
+from foundation.errors import InputError, TwinproofError
+from foundation.files import write_text
+from identification.comparison import Comparison
+from identification.discovery.extension import ExtendedModel, extend, text_diff
+from identification.estimate import Estimate
+from identification.prediction import WINDOW
+from identification.problem import Problem
+from recordings import Recording
+from twinproof import api, documents
+from twinproof.model import Model
+from twinproof.report import pieces
+from twinproof.report.picture import unit_of
+from twinproof.results import write_improvement
+from twinproof.workbench import curves
+from twinproof.workbench.look import look as look_at
+from twinproof.workbench.project import Project
+
+Progress = Callable[[str], None]
+Task = Callable[[Project, Mapping[str, str], Progress], None]
+
+
+class FieldError(Exception):
+    """A user's mistake, and the field of the form that it belongs to."""
+
+    def __init__(self, field: str, error: TwinproofError) -> None:
+        super().__init__(str(error))
+        self.field = field
+        self.error = error
+
+
+@contextmanager
+def of_field(field: str) -> Generator[None]:
+    """Name the field that mistakes met inside belong to."""
+    try:
+        yield
+    except TwinproofError as error:
+        raise FieldError(field, error) from error
+
+
+def look(project: Project, _arguments: Mapping[str, str], progress: Progress) -> None:
+    """Look at what was chosen."""
+    progress("reading what was chosen")
+    found = look_at(project)
+    write_text(project.cache / "look.json", documents.dumps(found))
+
+
+def compare(project: Project, _arguments: Mapping[str, str], progress: Progress) -> None:
+    """Compare the present model with the record."""
+    model, recording = _present(project, progress)
+    progress("simulating")
+    with of_field("horizon"):
+        horizon = project.choices.horizon
+    result = api.compare(model, recording, horizon=horizon)
+    progress("drawing")
+    _save_curves(project, result.problem, result.comparison)
+    project.write_result(
+        "compare",
+        {**documents.compared(result), "command": project.command("compare")},
+        pieces.comparison_piece(result.problem, result.comparison),
+    )
+
+
+def identify(project: Project, _arguments: Mapping[str, str], progress: Progress) -> None:
+    """Fit the present model's parameters, then compare."""
+    model, recording = _present(project, progress)
+    progress("fitting the parameters")
+    result = api.identify(model, recording, horizon=project.choices.horizon)
+    progress("drawing")
+    _save_curves(project, result.problem, result.comparison)
+    project.write_result(
+        "compare",
+        {**documents.identified(result), "command": project.command("identify")},
+        pieces.comparison_piece(result.problem, result.comparison, result.estimate),
+    )
+
+
+def diagnose(project: Project, _arguments: Mapping[str, str], progress: Progress) -> None:
+    """Find out what the present model lacks."""
+    model, recording = _present(project, progress)
+    result = api.diagnose(model, recording, progress=progress)
+    progress("drawing")
+    project.write_result(
+        "diagnose",
+        {**documents.diagnosed(result), "command": project.command("diagnose")},
+        pieces.diagnosis_piece(result.diagnosis, result.problem),
+    )
+
+
+def propose(project: Project, arguments: Mapping[str, str], progress: Progress) -> None:
+    """Write the model with one more effect, refit it, and show what changes."""
+    choices = project.choices
+    present, recording = _present(project, progress)
+    base = Model.of(choices.model)
+    earlier = choices.steps[-1].additions if choices.steps else ()
+    number = len(choices.steps) + 1
+    with of_field("add"):
+        text = arguments.get("add", "").strip()
+        if not text:
+            raise InputError("nothing to add", remedy="choose an effect, or write EFFECT@PLACE")
+        name = f"{base.source.short_name}_{number}"
+        extended = api.extend(base, [*earlier, text], name=name)
+    progress("fitting the model as it is")
+    before = api.identify(present, recording, horizon=choices.horizon)
+    progress(f"fitting it with {text.partition(',')[0]}")
+    with_effect = Model(name, modelica=extended.source)
+    after = api.identify(with_effect, recording, horizon=before.horizon)
+    short: tuple[Comparison, Comparison] | None = None
+    if after.horizon is None:
+        progress("comparing over windows of 1 s")
+        first, second = (
+            api.compare(one, recording, parameters=found.estimate.values, horizon=WINDOW)
+            for one, found in ((present, before), (with_effect, after))
+        )
+        short = first.comparison, second.comparison
+    fitted = with_estimate(extended, after.estimate)
+    difference = text_diff(present.source.written, fitted)
+    proposal = {
+        "additions": [_spelled(a.label, a.values) for a in fitted.additions],
+        "label": text.partition(",")[0],
+        "name": name,
+        "before": before.comparison.nrmse,
+        "after": after.comparison.nrmse,
+    }
+    write_text(project.cache / "proposal.mo", fitted.source.text)
+    project.write_result(
+        "change",
+        {"schema": "twinproof/change/1", **proposal},
+        pieces.change_piece(
+            difference, after.estimate, after.problem, (before.comparison, after.comparison), short
+        ),
+    )
+
+
+def with_estimate(extended: ExtendedModel, estimate: Estimate) -> ExtendedModel:
+    """Write an extended model with fitted values as defaults."""
+    values = {extended.user_name(n): p.value for n, p in estimate.parameters.items()}
+    additions = list(extended.additions)
+    for k, addition in enumerate(additions):
+        prefix = f"{addition.instance}."
+        own = {
+            name.removeprefix(prefix): values.pop(name)
+            for name in list(values)
+            if name.startswith(prefix)
+        }
+        additions[k] = replace(addition, values={**addition.values, **own})
+    return extend(extended.base, additions, values=values, name=extended.name)
+
+
+def _spelled(label: str, values: Mapping[str, float]) -> str:
+    return ",".join([label, *(f"{name}={value:.9g}" for name, value in values.items())])
+
+
+def score(project: Project, _arguments: Mapping[str, str], progress: Progress) -> None:
+    """Refit every accepted step, and score it on the fitted and on the unseen record."""
+    choices = project.choices
+    model, recording = _read(project, choices.model, choices.recording, "recording", progress)
+    words = [(choices.model, "", model)]
+    for step in choices.steps:
+        with of_field("model"):
+            words.append((step.model, step.additions[-1].partition(",")[0], Model.of(step.model)))
+    # The last model says over which length errors are meaningful; one rule for all steps.
+    horizon: float | str | None = choices.horizon
+    if horizon == "auto":
+        progress("choosing the horizon")
+        horizon = api.compare(words[-1][2], recording).horizon
+    steps: list[pieces.Scored] = []
+    for number, (_, label, one) in enumerate(words):
+        progress(f"fitting step {number} of {len(words) - 1}")
+        fitted = api.identify(one, recording, horizon=horizon)
+        unseen: Comparison | None = None
+        if choices.holdout:
+            with of_field("holdout"):
+                other = _recording(project, choices.holdout, one)
+            unseen = api.compare(
+                one, other, parameters=fitted.estimate.values, horizon=horizon
+            ).comparison
+        steps.append(
+            pieces.Scored(label, fitted.problem, fitted.estimate, fitted.comparison, unseen)
+        )
+    progress("drawing")
+    project.write_result(
+        "ladder",
+        documents.document(
+            "ladder",
+            {
+                "ladder": [
+                    {
+                        "step": k,
+                        "model": words[k][0],
+                        "added": step.added or None,
+                        "parameters": documents.estimate(step.estimate),
+                        "train": {"nrmse": step.train.nrmse},
+                        "holdout": None if step.unseen is None else {"nrmse": step.unseen.nrmse},
+                    }
+                    for k, step in enumerate(steps)
+                ]
+            },
+        ),
+        pieces.ladder_piece(steps),
+    )
+
+
+def improve(project: Project, _arguments: Mapping[str, str], progress: Progress) -> None:
+    """Do all steps at once, from the model as it was; leaves the folder `improved`."""
+    choices = project.choices
+    with of_field("holdout"):
+        if not choices.holdout:
+            raise InputError("no unseen record is chosen", remedy="choose one, under Data")
+    model, recording = _read(project, choices.model, choices.recording, "recording", progress)
+    with of_field("holdout"):
+        unseen = _recording(project, choices.holdout, model)
+    with of_field("max_effects"):
+        try:
+            most = int(choices.max_effects)
+        except ValueError:
+            raise InputError(
+                f"'{choices.max_effects}' is no number of effects", remedy="write 0, 1, 2 …"
+            ) from None
+    command = project.command(
+        "improve",
+        model=choices.model,
+        more=["--holdout", choices.holdout, "--max-effects", str(most), "-o", "improved"],
+    )
+    result = api.improve(
+        model, recording, unseen, max_effects=most, horizon=choices.horizon, progress=progress
+    )
+    files = write_improvement(result, Path("improved"), command=command, progress=progress)
+    project.write_result("improve", {**documents.improved(result, files), "command": command}, "")
+
+
+def export(project: Project, _arguments: Mapping[str, str], progress: Progress) -> None:
+    """Translate the present model to an FMU."""
+    with of_field("model"):
+        model = Model.of(project.choices.present_model)
+        progress("translating to C, compiling")
+        path = Path("models") / f"{model.source.short_name}.fmu"
+        path.parent.mkdir(exist_ok=True)
+        export_fmu(model.source, path)
+    project.write_result(
+        "export",
+        {
+            "schema": "twinproof/export/1",
+            "fmu": str(path),
+            "command": shlex.join(
+                ["twinproof", "export", project.choices.present_model, "-o", str(path)]
+            ),
+        },
+        "",
+    )
+
+
+TASKS: Mapping[str, Task] = {
+    task.__name__: task
+    for task in (look, compare, identify, diagnose, propose, score, improve, export)
+}
+"""Every task by its name."""
+
+
+def run(name: str, folder: Path, arguments: Mapping[str, str], progress: Progress) -> None:
+    """Run a task in a project's folder.
+
+    Raises:
+        FieldError: A mistake that belongs to a field of the form.
+        TwinproofError: Another mistake.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    # Words such as models/axis.mo:Axis mean the same here as on the command line.
+    os.chdir(folder)
+    TASKS[name](Project(folder), arguments, progress)
+
+
+def _present(project: Project, progress: Progress) -> tuple[Model, Recording]:
+    choices = project.choices
+    return _read(project, choices.present_model, choices.recording, "recording", progress)
+
+
+def _read(
+    project: Project, word: str, data: str, field: str, progress: Progress
+) -> tuple[Model, Recording]:
+    progress("reading model and record")
+    with of_field("model"):
+        if not word:
+            raise InputError("no model is chosen", remedy="choose one, under Data")
+        model = Model.of(word)
+        _ = model.dae
+    with of_field(field):
+        if not data:
+            raise InputError("no recording is chosen", remedy="choose one, under Data")
+        return model, _recording(project, data, model)
+
+
+def _recording(project: Project, data: str, model: Model) -> Recording:
+    dbc = project.choices.dbc
+    return api.read_recording(
+        data,
+        model,
+        channel_map=Path(project.map_file.name) if project.map_file.is_file() else None,
+        dbc=Path(dbc) if dbc else None,
+    )
+
+
+def _save_curves(project: Project, problem: Problem, comparison: Comparison) -> None:
+    prediction = comparison.prediction
+    drawn: dict[str, Any] = {}
+    channels: list[dict[str, Any]] = []
+    for k, name in enumerate(problem.output_names):
+        drawn[f"{name} measured"] = problem.outputs[:, k]
+        drawn[f"{name} simulated"] = prediction.simulated[:, k]
+        drawn[f"{name} error"] = np.where(prediction.scored, prediction.error[:, k], np.nan)
+        channels.append({"name": name, "unit": unit_of(problem, name)})
+    spans = [{"begin": f.begin, "end": f.end, "channel": f.channel} for f in comparison.worst]
+    curves.save(
+        project.cache / "compare", problem.time, drawn, {"channels": channels, "spans": spans}
+    )
