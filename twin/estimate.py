@@ -14,13 +14,13 @@ class Estimate:
     """The parameters of a plant, from its telemetry.
 
     Attributes:
-        time: Of the last sample that is in it [s].
+        time: Of the last sample that is in it [s]; before any is, of the first block.
         names: The k parameters that are estimated.
         values: Parameter → value; also of those that are held.
         sd: Parameter → standard deviation, of those that are estimated.
         covariance: (k, k), in the order of `names`.
-        excitation: How well the recent data tell parameters: 1 suffices for an update, less does
-            not and the estimate rests.
+        excitation: How well the recent data tell the parameters: 1 suffices for an update; with
+            less the estimate rests, and its time stays.
         units: Parameter → unit.
 
     Example:

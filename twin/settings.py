@@ -19,7 +19,10 @@
     interface = "socketcan"
     channel = "can0"
     dbc = "robot.dbc"
+    [twin.delays]
+    V = "1 ms"                      # from a command's frame until it acts
     [twin.estimator]
+    disturbances = {V = 0.02}       # unknown, at the inputs: standard deviation
     memory = "20 s"
     [twin.drift]
     false_alarms_per_hour = 0.01
@@ -42,8 +45,9 @@ from typing import Any, Literal
 from foundation.errors import InputError, UnknownNameError
 from hil.bus.interface import BusSettings
 from hil.plants import PlantSettings, plant_of
-from hil.settings import Table, build, read_toml, unit
+from hil.settings import Table, build, number, read_toml, unit
 
+_SHORTEST_SILENCE = 0.1
 LOOPBACK = ("127.0.0.1", "::1", "localhost")
 
 
@@ -130,22 +134,24 @@ class EstimatorSettings:
         disturbances: Input → standard deviation of the unknown disturbance there, its unit.
         disturbance_time: Its correlation time [s].
         memory: After which old data count little [s].
+        tau: Time constants of the output filter [s].
         block: Time between two estimates, and between two tests for drift [s].
         excitation: Standard deviation, relative to a parameter's value, that the memory's data
-            must promise, or the parameter rests.
+            must promise at least half of the parameters; else the estimate rests.
     """
 
     kind: Literal["kalman", "output-filter"] = "kalman"
     free: tuple[str, ...] = ()
     disturbances: Mapping[str, float] = field(default_factory=dict[str, float])
-    disturbance_time: float = unit("s", 0.05)
+    disturbance_time: float = unit("s", 0.3)
     memory: float = unit("s", 20.0)
+    tau: float = unit("s", 0.3)
     block: float = unit("s", 0.1)
     excitation: float = 0.1
 
     def __post_init__(self) -> None:
         _positive("twin.estimator", disturbance_time=self.disturbance_time)
-        _positive("twin.estimator", memory=self.memory, block=self.block)
+        _positive("twin.estimator", memory=self.memory, block=self.block, tau=self.tau)
         _positive("twin.estimator", excitation=self.excitation)
 
 
@@ -162,7 +168,7 @@ class DriftSettings:
 
     false_alarms_per_hour: float = 0.01
     window: float = unit("s", 20.0)
-    diagnose: float = unit("s", 20.0)
+    diagnose: float = unit("s", 10.0)
     margin: float = 0.0
 
     def __post_init__(self) -> None:
@@ -209,6 +215,7 @@ class TwinSettings:
         stale: After which silence telemetry is stale [s].
         plant: Model, parameters, sensors.
         buses: That it listens to.
+        delays: Input → time from a command's frame until it acts [s].
         estimator, drift, verification: See there.
         path: Of the settings' file.
     """
@@ -218,6 +225,7 @@ class TwinSettings:
     stale: float
     plant: PlantSettings
     buses: tuple[TwinBus, ...]
+    delays: Mapping[str, float]
     estimator: EstimatorSettings
     drift: DriftSettings
     verification: VerificationSettings
@@ -287,7 +295,10 @@ def settings_of(table: Table, roots: tuple[Path, ...] = ()) -> Settings:
     return Settings(table.path, build(ServiceSettings, table.sub("service")), twins)
 
 
-_TWIN_KEYS = ("name", "rate", "stale", "plant", "bus", "estimator", "drift", "verification")
+_TWIN_KEYS = (
+    *("name", "rate", "stale", "plant", "bus"),
+    *("delays", "estimator", "drift", "verification"),
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -307,6 +318,12 @@ def _twin(table: Table, roots: tuple[Path, ...]) -> TwinSettings:
             remedy="use letters, digits, - and _",
         )
     _positive(table.where(), rate=head.rate, stale=head.stale)
+    if head.stale < _SHORTEST_SILENCE:
+        raise InputError(
+            f"telemetry that is stale after {head.stale:g} s",
+            where=table.where("stale"),
+            remedy=f"allow at least {_SHORTEST_SILENCE:g} s",
+        )
     estimator = build(EstimatorSettings, table.sub("estimator"))
     samples = estimator.block * head.rate
     if samples < 1 or abs(samples - round(samples)) > 1e-6 * samples:
@@ -321,6 +338,11 @@ def _twin(table: Table, roots: tuple[Path, ...]) -> TwinSettings:
         if name not in inputs:
             where = table.sub("estimator").sub("disturbances").where(name)
             raise UnknownNameError("input", name, inputs, where=where)
+    late = table.sub("delays")
+    for name in late.values:
+        if name not in inputs:
+            raise UnknownNameError("input", name, inputs, where=late.where(name))
+    delays = {name: number(v, "s", late.where(name)) for name, v in late.values.items()}
     parameters = [v.name for v in plant.described.parameters]
     for name in estimator.free:
         if name not in parameters:
@@ -334,6 +356,7 @@ def _twin(table: Table, roots: tuple[Path, ...]) -> TwinSettings:
         head.stale,
         plant,
         tuple(build(TwinBus, bus) for bus in buses),
+        delays,
         estimator,
         build(DriftSettings, table.sub("drift")),
         build(VerificationSettings, table.sub("verification")),

@@ -1,0 +1,19 @@
+"""From the bus to samples: receiving, recording, decoding, resampling."""
+
+from twin.ingest.decoder import Decoded, Decoder
+from twin.ingest.receiver import Receiver, columns
+from twin.ingest.recorder import FrameRecorder
+from twin.ingest.sampler import Block, Sampler
+from twin.ingest.timeline import Slice, Timeline
+
+__all__ = [
+    "Block",
+    "Decoded",
+    "Decoder",
+    "FrameRecorder",
+    "Receiver",
+    "Sampler",
+    "Slice",
+    "Timeline",
+    "columns",
+]

@@ -1,0 +1,497 @@
+"""One twin's data, from frames to events: the same for live data and for a replay.
+
+Frames carry their own stamps, and nothing here looks at a clock: they are cut into slices by their
+stamps, decoded, put on the model's grid in blocks, and every block goes through two filters. One
+believes the verified parameters; its score is tested for drift. The other believes the present
+estimate; it predicts, and its score moves the estimate.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from concurrent.futures import Executor, Future
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from foundation.errors import DivergenceError
+from identification.online.scored_filter import ScoredFilter
+from recordings.readers.can_frames import Frames
+from twin.diagnosis import Finding, Suspicion, diagnose
+from twin.drift import Alarm, DriftMonitor
+from twin.estimate import Estimate
+from twin.estimation import FilterFit, KalmanFit, OnlineFit, shares_filter
+from twin.events import JSON, Event, EventKind
+from twin.history import History, Predictions
+from twin.ingest.decoder import Decoder
+from twin.ingest.sampler import Block, Sampler
+from twin.ingest.timeline import Slice, Timeline
+from twin.plant_model import PlantModel, plant_model, with_free_covariance
+from twin.settings import TwinSettings
+from twin.telemetry import Change, Telemetry
+
+Array = NDArray[np.float64]
+
+_SLICE = 50_000_000
+_NAMING = 3.0
+"""After a drift is flagged, which parameter it was is said again with more data [s]."""
+_REPORT = 10.0
+"""Between two events with the estimate [s]."""
+_KEPT = 20.0
+_SECOND = 1e-9
+
+
+class Parameters(Protocol):
+    """Parameters to compare with; `twin.store.documents.ParameterSet` is one."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The k parameters that the covariance is of."""
+        ...
+
+    @property
+    def values(self) -> Mapping[str, float]:
+        """Parameter → value."""
+        ...
+
+    @property
+    def covariance(self) -> tuple[tuple[float, ...], ...]:
+        """k × k."""
+        ...
+
+
+@dataclass(frozen=True)
+class Health:
+    """How the data are.
+
+    Attributes:
+        counts: What was received, lost, refused, by reason.
+        blocks: That went through the filters.
+        restarts: Of the filters, after gaps and divergences.
+        stale: Messages that are silent.
+        noise: Output → innovations over their predicted standard deviation, of the last block.
+    """
+
+    counts: Mapping[str, int]
+    blocks: int
+    restarts: int
+    stale: tuple[str, ...]
+    noise: Mapping[str, float]
+
+
+@dataclass
+class _Drift:
+    """A drift that has been flagged.
+
+    Attributes:
+        since: [s].
+        alarm: The last one.
+        named: Whether the parameter was said again.
+        asked: Whether a diagnosis was begun.
+        finding: Under way.
+        asked_at: Time of the diagnosis' data [s].
+    """
+
+    since: float
+    alarm: Alarm
+    named: bool = False
+    asked: bool = False
+    finding: Future[Finding] | None = field(default=None, repr=False)
+    asked_at: float = 0.0
+
+
+class Pipeline:
+    """From frames to events.
+
+    Args:
+        settings: Of the twin.
+        parameters: The verified ones; None: those of `parameters_from`.
+        roots: Folders of further Modelica libraries.
+        executor: Runs diagnoses; None: here, while `feed` waits, as a replay wants it.
+
+    Raises:
+        TwinproofError: See `plant_model`.
+    """
+
+    def __init__(
+        self,
+        settings: TwinSettings,
+        parameters: Parameters | None = None,
+        *,
+        roots: tuple[Path, ...] = (),
+        executor: Executor | None = None,
+    ) -> None:
+        self.settings = settings
+        self.plant = plant_model(settings, roots)
+        self._roots, self._executor = roots, executor
+        model, e = self.plant, settings.estimator
+        self._h = 1.0 / settings.rate
+        n = round(e.block * settings.rate)
+        self._decoder = Decoder(model.buses)
+        self._sampler = Sampler(
+            model.inputs, model.outputs, rate=settings.rate, length=n, delays=settings.delays
+        )
+        patience = round(1e9 * settings.stale)
+        self._timeline = Timeline(_SLICE, patience)
+        self._telemetry = Telemetry(self._decoder.messages, patience)
+        start = dict(model.values)
+        covariance = np.zeros((len(model.free), len(model.free)))
+        fit = settings.plant.fit
+        if parameters is not None:
+            start |= parameters.values
+            given = np.array(parameters.covariance, float)
+            covariance = with_free_covariance(model.free, parameters.names, given)
+        elif fit is not None:
+            covariance = with_free_covariance(model.free, fit.names, fit.covariance)
+        self._believed = _filter(model, start, self._h)
+        self._following = _filter(model, start, self._h)
+        self._fit = _fit(settings, model, start, covariance, n)
+        self._monitor = _monitor(settings, model, start, covariance)
+        self._history = History(
+            model.inputs,
+            model.outputs,
+            seconds=max(_KEPT, settings.drift.diagnose),
+            block=e.block,
+            sample_time=self._h,
+        )
+        self._drift: _Drift | None = None
+        self._excited: bool | None = None
+        self._time: float | None = None
+        self._updated: float | None = None
+        self._begun: float | None = None
+        self._reported = -np.inf
+        self._blocks = self._restarts = 0
+        self._noise = dict.fromkeys(model.outputs, 0.0)
+
+    # What is known
+
+    @property
+    def estimate(self) -> Estimate | None:
+        """The parameters as the data say, as of the last update; None before the first block."""
+        if self._updated is None:
+            return None
+        fit = self._fit
+        covariance = fit.covariance
+        values = {**self._believed.values, **fit.values}
+        known = {n: float(v) for n, v in values.items() if n in self.plant.values}
+        sd = np.sqrt(np.maximum(np.diag(covariance), 0.0)).tolist()
+        return Estimate(
+            self._updated,
+            fit.names,
+            known,
+            dict(zip(fit.names, sd, strict=True)),
+            covariance,
+            fit.excitation.level,
+            self.plant.units,
+        )
+
+    @property
+    def newest(self) -> float | None:
+        """Time of the newest good frame [s]."""
+        newest = self._telemetry.newest
+        return None if newest is None else newest * _SECOND
+
+    @property
+    def predictions(self) -> Predictions:
+        """Measured and predicted, of the last while."""
+        return self._history.last()
+
+    @property
+    def drift(self) -> dict[str, JSON]:
+        """The tests as they stand: `state`, `since`, `parameter`, `threshold`, `statistics`."""
+        drift = self._drift
+        return {
+            "state": "stable" if drift is None else "drifted",
+            "since": None if drift is None else drift.since,
+            "parameter": None if drift is None else drift.alarm.parameter,
+            "threshold": self._monitor.threshold,
+            "statistics": {**self._monitor.statistics, "all": self._monitor.joint},
+        }
+
+    @property
+    def health(self) -> Health:
+        """How the data are."""
+        decoder, timeline = self._decoder, self._timeline
+        counts = {**decoder.statistics.counts(), "stale": decoder.stale + timeline.refused}
+        counts["missing"] = self._sampler.missing
+        return Health(
+            counts,
+            self._blocks,
+            self._restarts,
+            tuple(sorted(self._telemetry.stale)),
+            dict(self._noise),
+        )
+
+    # What comes
+
+    def feed(self, frames: Frames) -> list[Event]:
+        """Take frames, as they come, from all buses; return what happened."""
+        events: list[Event] = []
+        for part in self._timeline.add(frames):
+            events += self._slice(part)
+        return events + self._diagnosed(wait=False)
+
+    def finish(self) -> list[Event]:
+        """Take it that no more frames come; waits for a diagnosis that is under way."""
+        events: list[Event] = []
+        for part in self._timeline.finish():
+            events += self._slice(part)
+        return events + self._diagnosed(wait=True)
+
+    def idle(self, now: float) -> list[Event]:
+        """Say what happened because nothing came until `now` [s, of the frames' clock]."""
+        if self._telemetry.newest is None:
+            return []
+        events: list[Event] = []
+        stamp = round(now * 1e9)
+        for part in self._timeline.finish(stamp):
+            events += self._slice(part)
+        for change in self._telemetry.silent(stamp):
+            events += self._changed(change)
+        return events + self._diagnosed(wait=False)
+
+    def verify(self, parameters: Parameters) -> None:
+        """Compare with these parameters from the next block on; a drift is over."""
+        values = {**self._believed.values, **parameters.values}
+        given = np.array(parameters.covariance, float)
+        covariance = with_free_covariance(self.plant.free, parameters.names, given)
+        self._believed.set_values(values)
+        self._believed.forget()
+        self._monitor.verify(values, covariance)
+        self._drift = None
+
+    def _slice(self, part: Slice) -> list[Event]:
+        events: list[Event] = []
+        if part.step:
+            because = f"the clock was set back by {part.step * _SECOND:.3f} s"
+            where = part.end * _SECOND
+            events += [
+                self._event(EventKind.DEGRADED, where, {"what": "clock", "because": because}),
+                self._event(EventKind.RECOVERED, where, {"what": "clock"}),
+            ]
+            self._decoder.restart()
+            self._telemetry.restart()
+            self._restart()
+        decoded = self._decoder.decode(part.frames)
+        changes = self._telemetry.take(decoded, part.end)
+        for change in changes:
+            events += self._changed(change)
+        if self._telemetry.stale:
+            return events
+        self._sampler.add(decoded)
+        for block in self._sampler.blocks():
+            events += self._block(block)
+        return events
+
+    def _changed(self, change: Change) -> list[Event]:
+        time, gap = change.time * _SECOND, change.gap * _SECOND
+        self._restart()
+        if change.stale:
+            detail: dict[str, JSON] = {"message": change.message, "age": self.settings.stale}
+            return [self._event(EventKind.TELEMETRY_STALE, time, detail)]
+        detail = {"message": change.message, "gap": gap}
+        return [self._event(EventKind.TELEMETRY_BACK, time, detail)]
+
+    def _restart(self) -> None:
+        """What was known of the plant's state is no longer true."""
+        self._sampler.restart()
+        self._believed.restart()
+        self._following.restart()
+        self._restarts += 1
+
+    def _block(self, block: Block) -> list[Event]:
+        time = (block.start + len(block.outputs) * self._sampler.step) * _SECOND
+        try:
+            tested = self._believed.block(block.inputs, block.outputs)
+            scored = self._following.block(block.inputs, block.outputs)
+        except DivergenceError as error:
+            return self._diverged(time, str(error))
+        self._time = time
+        self._begun = time if self._begun is None else self._begun
+        self._blocks += 1
+        spread = np.sqrt(scored.variances)
+        missing = np.isnan(block.outputs)
+        predicted = np.where(missing, np.nan, block.outputs - scored.innovations)
+        self._history.add(block.start, block.inputs[:-1], block.outputs, predicted, spread)
+        rms = np.sqrt(np.mean((scored.innovations / spread) ** 2, axis=0))
+        self._noise = dict(zip(self.plant.outputs, rms.tolist(), strict=True))
+        events = self._tested(self._monitor.take(tested), time)
+        before = self._fit.updates
+        self._fit.take(block.inputs, block.outputs, scored)
+        if self._updated is None or self._fit.updates > before:
+            self._updated = time
+        shares_filter(self._fit, self._following)
+        return events + self._excitation(time) + self._report(time)
+
+    def _diverged(self, time: float, because: str) -> list[Event]:
+        self._restart()
+        values = {n: self._believed.values[n] for n in self._fit.names}
+        covariance = self._fit.covariance
+        self._fit.start(values, covariance)
+        shares_filter(self._fit, self._following)
+        detail: dict[str, JSON] = {"what": "estimator", "because": because}
+        return [self._event(EventKind.DEGRADED, time, detail)]
+
+    def _tested(self, alarm: Alarm | None, time: float) -> list[Event]:
+        events: list[Event] = []
+        drift = self._drift
+        if drift is None:
+            if alarm is not None:
+                self._drift = _Drift(time, alarm)
+                self._fit.loosen()
+                events.append(self._drifted(alarm, time, named=False))
+            return events
+        if alarm is not None:
+            drift.alarm = alarm
+        if not drift.named and time - drift.since >= _NAMING:
+            drift.named = True
+            events.append(self._drifted(drift.alarm, time, named=True))
+        wanted = self.settings.drift.diagnose
+        if wanted > 0 and not drift.asked and time - drift.since >= wanted:
+            drift.asked, drift.asked_at = True, time
+            suspicion = self._suspicion(time)
+            if self._executor is None:
+                events.append(self._found(diagnose(suspicion), time))
+            else:
+                drift.finding = self._executor.submit(diagnose, suspicion)
+        return events
+
+    def _suspicion(self, time: float) -> Suspicion:
+        blocks = round(self.settings.drift.diagnose / self.settings.estimator.block)
+        data = self._history.last(blocks)
+        model = self.plant
+        assert self._drift is not None
+        return Suspicion(
+            self.settings.plant.model,
+            self._roots,
+            time,
+            self._h,
+            data.inputs,
+            data.measured,
+            model.outputs,
+            model.noise_sd,
+            model.free,
+            {n: v for n, v in self._believed.values.items() if n in model.values},
+            self._drift.alarm.parameter,
+        )
+
+    def _diagnosed(self, *, wait: bool) -> list[Event]:
+        drift = self._drift
+        if drift is None or drift.finding is None or not (wait or drift.finding.done()):
+            return []
+        finding, drift.finding = drift.finding, None
+        try:
+            return [self._found(finding.result(), drift.asked_at)]
+        except Exception as error:  # the process of its own died
+            found = Finding("undetermined", because=f"the diagnosis failed: {error}")
+            return [self._found(found, drift.asked_at)]
+
+    def _found(self, finding: Finding, time: float) -> Event:
+        return self._event(EventKind.DIAGNOSIS, time, finding.detail())
+
+    def _drifted(self, alarm: Alarm, time: float, *, named: bool) -> Event:
+        value = self._believed.values.get(alarm.parameter)
+        change = alarm.change if np.isfinite(alarm.change) else None
+        detail: dict[str, JSON] = {
+            "parameter": alarm.parameter,
+            "statistic": alarm.statistic,
+            "threshold": alarm.threshold,
+            "window": alarm.window,
+            "change": change,
+            "verified": value,
+            "channel": alarm.channel,
+            "named": named,
+        }
+        return self._event(EventKind.DRIFT, time, detail)
+
+    def _excitation(self, time: float) -> list[Event]:
+        monitor = self._fit.excitation
+        suffices = monitor.suffices
+        assert self._begun is not None
+        if self._excited is None and not suffices:
+            # At the start there is little data anyway.
+            if time - self._begun < self.settings.estimator.memory:
+                return []
+        elif self._excited is None or suffices == self._excited:
+            self._excited = suffices
+            return []
+        self._excited = suffices
+        kind = EventKind.EXCITATION_BACK if suffices else EventKind.EXCITATION_LOW
+        detail: dict[str, JSON] = {
+            "level": monitor.level,
+            "parameter": self._fit.names[monitor.weakest],
+        }
+        return [self._event(kind, time, detail)]
+
+    def _report(self, time: float) -> list[Event]:
+        if time - self._reported < _REPORT - 0.5 * self._h:
+            return []
+        self._reported = time
+        found = self.estimate
+        assert found is not None
+        detail: dict[str, JSON] = {
+            "values": {n: found.values[n] for n in found.names},
+            "sd": {n: found.sd[n] for n in found.names},
+            "excitation": found.excitation,
+        }
+        return [self._event(EventKind.PARAMETERS, time, detail)]
+
+    def _event(self, kind: EventKind, time: float, detail: Mapping[str, JSON]) -> Event:
+        return Event(time, self.settings.name, kind, detail)
+
+
+def _filter(model: PlantModel, values: Mapping[str, float], sample_time: float) -> ScoredFilter:
+    return ScoredFilter(
+        model.dae,
+        model.outputs,
+        model.free,
+        values,
+        sample_time=sample_time,
+        noise_sd=model.noise_sd,
+        disturbances=model.disturbances,
+    )
+
+
+def _monitor(
+    settings: TwinSettings, model: PlantModel, values: Mapping[str, float], covariance: Array
+) -> DriftMonitor:
+    d = settings.drift
+    return DriftMonitor(
+        model.free,
+        values,
+        covariance,
+        block=settings.estimator.block,
+        window=d.window,
+        false_alarms_per_hour=d.false_alarms_per_hour,
+        margin=d.margin,
+        channels=model.outputs,
+    )
+
+
+def _fit(
+    settings: TwinSettings,
+    model: PlantModel,
+    values: Mapping[str, float],
+    covariance: Array,
+    samples: int,
+) -> OnlineFit:
+    e = settings.estimator
+    fading = float(np.exp(-e.block / e.memory))
+    if e.kind == "kalman":
+        return KalmanFit(model.free, values, covariance, fading=fading, wanted=e.excitation)
+    return FilterFit(
+        model.dae,
+        model.outputs,
+        model.free,
+        values,
+        covariance,
+        window=e.memory,
+        block=samples,
+        sample_time=1.0 / settings.rate,
+        tau=e.tau,
+        fading=fading,
+        wanted=e.excitation,
+    )
