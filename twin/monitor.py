@@ -11,11 +11,13 @@ from typing import Protocol, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from foundation.errors import InputError
+from foundation.errors import InputError, TwinproofError
+from hil.plants import Fit
 from recordings.readers.can_frames import Frames
 from twin.estimate import Estimate
 from twin.events import JSON, Event, EventKind
 from twin.gate import Decision, Limits, Question, Situation, decide
+from twin.improvement import Improvement, with_model
 from twin.journal import Journal
 from twin.lifecycle import Life, Pace, after, due, refused, rolled_back, verified
 from twin.settings import TwinSettings
@@ -32,6 +34,8 @@ from twin.store.store import (
 from twin.verification import Job, controller_hash, file_hash, study_hash
 
 Array: TypeAlias = npt.NDArray[np.float64]
+MODELS = "models"
+"""Folder beside the settings, for models that effects were added to."""
 AUTOMATIC = "service"
 """In place of a token's name: nobody was asked."""
 
@@ -42,6 +46,11 @@ class Samples(Protocol):
     @property
     def time(self) -> Array:
         """(n,) [s]."""
+        ...
+
+    @property
+    def inputs(self) -> Array:
+        """(n, nu)."""
         ...
 
     @property
@@ -69,8 +78,27 @@ class Health(Protocol):
         ...
 
 
+class Plant(Protocol):
+    """The plant as a pipeline sees it."""
+
+    @property
+    def noise_sd(self) -> Array:
+        """(ny,) of the sensors."""
+        ...
+
+    @property
+    def free(self) -> tuple[str, ...]:
+        """Parameters that are followed."""
+        ...
+
+
 class Follower(Protocol):
     """What a monitor needs of a pipeline."""
+
+    @property
+    def plant(self) -> Plant:
+        """Its model."""
+        ...
 
     @property
     def estimate(self) -> Estimate | None:
@@ -151,16 +179,21 @@ class Monitor:
         self._busy = False
         self._asked = ""
         self._decision: Decision | None = None
-        self._model = file_hash(settings.plant.fmu)
+        self._make_pipeline = pipeline
+        self._effect: tuple[str, Mapping[str, float]] | None = None
         store = journal.store
         self._in_force = store.verified(settings.name)
         self._life = Life(store.twin(settings.name))
+        self._resume_model()
+        self._model = file_hash(self.settings.plant.fmu)
+        self._new = not store.parameter_sets(settings.name, 1)
         if self._in_force is not None and self._in_force[0].model != self._model:
-            self._unverify("the model was changed")
+            self._in_force = None
+            self._unverify(self._life.record.because or "the model was changed")
         if self._in_force is None:
-            self._unverify(self._life.record.because)
+            self._unverify(self._life.record.because or "nothing is verified")
         start = self._in_force[0] if self._in_force is not None else self._first()
-        self.pipeline = pipeline(settings, start)
+        self.pipeline = pipeline(self.settings, start)
         self._start = start
         self._write(
             [
@@ -168,11 +201,24 @@ class Monitor:
                     clock(),
                     self.name,
                     EventKind.STARTED,
-                    {"model": settings.plant.model, "parameters": dict(start.values)},
+                    {"model": self.settings.plant.model, "parameters": dict(start.values)},
                 )
             ],
             save_twin(self._life.record),
         )
+
+    def _resume_model(self) -> None:
+        """Follow the model that was in force, if an effect had been added to it."""
+        model = self._life.record.model
+        if not model or self._in_force is None:
+            return
+        try:
+            fit = _fit(self._in_force[0])
+            self.settings = with_model(self.settings, model, fit, self._roots)
+        except TwinproofError as error:
+            record = replace(self._life.record, model="")
+            self._life = replace(self._life, record=record)
+            self._unverify(f"the improved model cannot be used: {error}")
 
     @property
     def name(self) -> str:
@@ -229,11 +275,21 @@ class Monitor:
             self._life = replace(before, followed_since=newest)
         for event in events:
             self._life = after(self._life, event)
+            self._note_effect(event)
         events = [*events, *self._gate_moved()]
         changed = self._life.record != before.record
         if events or changed:
             self._write(events, *([save_twin(self._life.record)] if changed else []))
         return events
+
+    def _note_effect(self, event: Event) -> None:
+        if event.kind is EventKind.DRIFT:
+            self._effect = None
+        if event.kind is EventKind.DIAGNOSIS and event.detail.get("verdict") == "effect":
+            values = event.detail.get("parameters")
+            known = values if isinstance(values, dict) else {}
+            numbers = {n: float(v) for n, v in known.items() if isinstance(v, int | float)}
+            self._effect = str(event.detail["name"]), numbers
 
     # The gate
 
@@ -278,9 +334,17 @@ class Monitor:
             telemetry=None if life.stale else self.pipeline.newest,
             followed_since=life.followed_since,
             estimate=None if estimate is None else estimate.time,
-            values=None if estimate is None else estimate.values,
+            values=None if estimate is None else self._values(estimate),
             evidence=() if self._in_force is None else (self._in_force[1],),
         )
+
+    def _values(self, estimate: Estimate) -> dict[str, float]:
+        """Return what is followed, and what is held of what was verified.
+
+        The rest are defaults of the model, which its hash covers.
+        """
+        known = {*estimate.names, *self.reference.values}
+        return {n: float(v) for n, v in estimate.values.items() if n in known}
 
     def _gate_moved(self) -> list[Event]:
         decision = self.decide()
@@ -321,6 +385,7 @@ class Monitor:
                 v.draws,
                 v.widening,
                 self._roots,
+                self._improvement(candidate),
             )
             return job, why
 
@@ -338,8 +403,7 @@ class Monitor:
     def _candidate(self) -> ParameterSet | None:
         """Return the parameters as the data say they are now; None: that is not known yet."""
         estimate, since = self.pipeline.estimate, self._life.followed_since
-        never = self._in_force is None and self._life.drift is None
-        if never and self._life.attempt is None:
+        if self._new and self._life.drift is None and self._life.attempt is None:
             return self._start  # as `identify` found them
         if estimate is None or since is None:
             return None
@@ -347,7 +411,7 @@ class Monitor:
         begun = max(since, self._life.drift or since)
         if estimate.time - begun < self.settings.verification.settle:
             return None
-        values = {n: float(v) for n, v in estimate.values.items()}
+        values = self._values(estimate)
         matrix = np.asarray(estimate.covariance, dtype=float)
         if not (np.all(np.isfinite(matrix)) and np.all(np.isfinite(list(values.values())))):
             return None
@@ -358,8 +422,43 @@ class Monitor:
             estimate.names,
             values,
             tuple(tuple(row) for row in matrix.tolist()),
-            {"method": self.settings.estimator.kind},
+            {"method": self.settings.estimator.kind, "model": self.settings.plant.model},
         )
+
+    def _improvement(self, candidate: ParameterSet) -> Improvement | None:
+        """Return what must be added to the model first, if an effect was found."""
+        if self._effect is None:
+            return None
+        data, plant = self.pipeline.predictions, self.pipeline.plant
+        label, values = self._effect
+        return Improvement(
+            self.settings.plant.model,
+            self._roots,
+            label,
+            values,
+            1.0 / self.settings.rate,
+            data.inputs,
+            data.measured,
+            data.output_names,
+            plant.noise_sd,
+            plant.free,
+            candidate.values,
+            self.settings.file(MODELS).resolve(),
+        )
+
+    def _follow(self, parameters: ParameterSet) -> None:
+        """Follow the plant on the model that these parameters are of, if it is another."""
+        model = str(parameters.origin.get("model", ""))
+        if parameters.model == self._model or not model:
+            return
+        self.settings = with_model(self.settings, model, _fit(parameters), self._roots)
+        self._model = parameters.model
+        self._effect = None
+        newest = self.pipeline.newest
+        self.pipeline = self._make_pipeline(self.settings, parameters)
+        # The new filter knows nothing yet of the plant's state.
+        record = replace(self._life.record, model=model)
+        self._life = replace(self._life, record=record, followed_since=newest)
 
     def _first(self) -> ParameterSet:
         fit = self.settings.plant.fit
@@ -377,7 +476,7 @@ class Monitor:
             fit.names,
             {n: float(v) for n, v in values.items()},
             tuple(tuple(row) for row in fit.covariance.tolist()),
-            {"method": "identify"},
+            {"method": "identify", "model": self.settings.plant.model},
         )
 
     def conclude(
@@ -494,6 +593,7 @@ class Monitor:
             self._write([event], *store_first)
             self._in_force = store.verified(self.name)
             if self._in_force is not None:
+                self._follow(self._in_force[0])
                 self.pipeline.verify(self._in_force[0])
             return [event, *self._settle([], [])]
 
@@ -505,6 +605,7 @@ class Monitor:
         events: list[Event],
         actions: list[Action],
     ) -> list[Event]:
+        self._follow(set_)
         now = self._clock()
         approval = f"approval:{evidence.id}"
         detail: dict[str, JSON] = {"token": token, "evidence": evidence.id, "parameters": set_.id}
@@ -543,6 +644,12 @@ class Monitor:
         """End in order."""
         with self._lock:
             self._write([Event(self._clock(), self.name, EventKind.STOPPED)])
+
+
+def _fit(parameters: ParameterSet) -> Fit:
+    size = len(parameters.names)
+    covariance = np.array(parameters.covariance, dtype=float).reshape(size, size)
+    return Fit(parameters.values, parameters.names, covariance)
 
 
 def _lineage(job: Job, evidence: Evidence, recorded: list[Recorded]) -> list[Action]:

@@ -26,13 +26,14 @@ from twin.apart import apart
 from twin.audit import Entry, canonical
 from twin.events import Event, EventKind
 from twin.hub import FLEET, Hub
+from twin.improvement import improve
 from twin.journal import SERVICE, Journal
 from twin.monitor import Follower, Monitor, Recorded
 from twin.settings import Settings, TwinSettings, settings_of
 from twin.store.documents import Evidence, ParameterSet
 from twin.store.history import Retention
 from twin.store.store import Store
-from twin.verification import Job, verify
+from twin.verification import Job, improved, verify
 from twin.view import Averages, line, numbers, signals
 
 _LOG = logging.getLogger("twinproof.twin")
@@ -382,6 +383,8 @@ class Service(Closing):
         _LOG.info("verification begins", extra={"twin": name, "because": why})
         try:
             recorded = [_recorded(path, size) for path, size in running.source.recorded()]
+            if job.improvement is not None:
+                job = improved(job, apart(self._stopping, improve, job.improvement))
             evidence = self._verification(job)
         except Exception as error:
             if not isinstance(error, TwinproofError):

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from fmus.running import model_fmu
 from foundation.errors import InputError
 from hil.plants import Fit, from_here
 from hil.settings import Table, read_toml
@@ -22,6 +23,7 @@ from hil.study import Study, study_of, with_fit
 from hil.study_result import Rate, RunResult, StudyResult
 from hil.whatif import run_study
 from twin.events import JSON
+from twin.improvement import Improved, Improvement
 from twin.store.documents import Evidence, ParameterSet
 
 CONTROLLER = "deployed"
@@ -79,6 +81,7 @@ class Job:
         draws: Plants.
         widening: Factor on the standard deviations.
         roots: Folders of further Modelica libraries.
+        improvement: What must be added to the model first; the parameters are those without it.
     """
 
     parameters: ParameterSet
@@ -88,6 +91,7 @@ class Job:
     draws: int
     widening: float = 2.0
     roots: tuple[Path, ...] = ()
+    improvement: Improvement | None = None
 
     @property
     def fit(self) -> Fit:
@@ -99,6 +103,29 @@ class Job:
             self.parameters.names,
             covariance.reshape(size, size) * self.widening**2,
         )
+
+
+def improved(job: Job, found: Improved) -> Job:
+    """Return the job that verifies the improved model with its own parameters.
+
+    Raises:
+        TwinproofError: As for every MODEL.
+    """
+    assert job.improvement is not None
+    parameters = replace(
+        job.parameters,
+        model=file_hash(model_fmu(found.model, job.roots)),
+        names=found.names,
+        values={n: float(v) for n, v in found.values.items()},
+        covariance=tuple(tuple(row) for row in found.covariance.tolist()),
+        origin={
+            **job.parameters.origin,
+            "model": found.model,
+            "effect": job.improvement.effect,
+            "method": "kalman",
+        },
+    )
+    return replace(job, parameters=parameters, model=found.model, improvement=None)
 
 
 def study_for(job: Job) -> Study:

@@ -2,6 +2,7 @@
 
 import json
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -166,6 +167,20 @@ def test_evidence_is_renewed_before_it_is_too_old(house):
     assert "grows old" in why
     house.monitor.give_up(job, "no Dask")
     assert "no Dask" in house.monitor.decide().because
+
+
+def test_defaults_of_the_model_are_covered_by_its_hash_but_nothing_else_is(house):
+    house.verified()
+    estimate = house.pipeline.estimate
+    more = {**estimate.values, "theta_start": 0.0}
+    house.pipeline.estimate = replace(estimate, values=more)
+    assert house.monitor.decide().allowed
+    # One more that is followed was not verified.
+    house.pipeline.estimate = replace(estimate, values=more, names=(*estimate.names, "theta_start"))
+    assert not house.monitor.decide().allowed
+    less = {n: v for n, v in estimate.values.items() if n != "d"}
+    house.pipeline.estimate = replace(estimate, values=less)
+    assert not house.monitor.decide().allowed
 
 
 def test_silence_closes_the_gate_and_what_comes_after_is_looked_at_first(house):
