@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from html import escape
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +17,8 @@ from recordings.names import suggestion
 from recordings.resample import Kind, resample
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from recordings.signals import Signals
 
 UNIFORM_TOLERANCE = 1e-6
@@ -235,6 +238,35 @@ class Recording:
         """Return the values as a table: one column a channel, `time` in s as the index."""
         columns = {name: channel.values for name, channel in self.channels.items()}
         return pd.DataFrame(columns, index=pd.Index(self.time, name="time"))
+
+    def plot(self) -> Figure:
+        """Return the channels over time as a Matplotlib figure."""
+        from matplotlib.figure import Figure  # noqa: PLC0415 - takes its time
+
+        figure = Figure(figsize=(9.0, 1.3 * len(self.channels) + 0.5), layout="constrained")
+        axes = figure.subplots(len(self.channels), 1, sharex=True, squeeze=False)[:, 0]
+        for ax, channel in zip(axes, self.channels.values(), strict=True):
+            ax.plot(self.time, channel.values, lw=1.0, color="#0072b2")
+            ax.set_ylabel(f"{channel.name} [{channel.unit or '1'}]")
+            ax.grid(alpha=0.3)
+        axes[-1].set_xlabel("time [s]")
+        return figure
+
+    def _repr_html_(self) -> str:
+        cells = [
+            (name, c.unit, f"{np.min(c.values):.4g}", f"{np.max(c.values):.4g}")
+            for name, c in self.channels.items()
+        ]
+        body = "".join(
+            "<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in cells
+        )
+        notes = "".join(f"<li>{escape(note)}</li>" for note in self.notes)
+        return (
+            f"<p><strong>{escape(self.origin)}</strong>: {len(self)} samples, "
+            f"{self.time[0]:.6g} to {self.time[-1]:.6g} s</p><table><thead><tr><th>Channel</th>"
+            f"<th>Unit</th><th>Least</th><th>Most</th></tr></thead><tbody>{body}</tbody></table>"
+            + (f"<ul>{notes}</ul>" if notes else "")
+        )
 
     @classmethod
     def from_frame(

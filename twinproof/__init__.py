@@ -25,15 +25,20 @@ if TYPE_CHECKING:
     from identification.discovery.ladder import Improvement
     from identification.estimate import Estimate, ParameterEstimate
     from recordings import Channel, Recording, Sensor
+    from twinproof.answers import Compared, Diagnosed, Identified, Improved
     from twinproof.api import compare, diagnose, extend, identify, improve, read_recording
     from twinproof.model import Model
 
 __all__ = [
     "Channel",
+    "Compared",
     "Comparison",
+    "Diagnosed",
     "Diagnosis",
     "Estimate",
     "HilResult",
+    "Identified",
+    "Improved",
     "Improvement",
     "LoopPrediction",
     "Model",
@@ -62,6 +67,10 @@ __all__ = [
 # The numerical packages take seconds to import: each name brings its module when it is first
 # used, so that `twinproof --help` and the completion of a shell come at once.
 _HOME = {
+    "Improved": "twinproof.answers",
+    "Identified": "twinproof.answers",
+    "Diagnosed": "twinproof.answers",
+    "Compared": "twinproof.answers",
     "Channel": "recordings",
     "Comparison": "identification.comparison",
     "Diagnosis": "identification.discovery.diagnosis",

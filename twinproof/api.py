@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from foundation.errors import InputError, UnsupportedModelError
 from identification import comparison
-from identification.comparison import Comparison
 from identification.discovery import diagnosis as discovery
 from identification.discovery import ladder
-from identification.discovery.diagnosis import Diagnosis
 from identification.discovery.extension import (
     ExtendedModel,
     parse_addition,
@@ -22,9 +19,7 @@ from identification.discovery.extension import (
 from identification.discovery.extension import (
     extend as write_extension,
 )
-from identification.discovery.ladder import Improvement
 from identification.doubts import check_motion, with_doubts
-from identification.estimate import Estimate
 from identification.estimators import estimator
 from identification.estimators.output_error import OutputError
 from identification.estimators.start import best_start
@@ -34,6 +29,7 @@ from identification.priors import Prior
 from identification.problem import Problem, match
 from recordings import Recording
 from recordings import load as load_recording
+from twinproof.answers import Compared, Diagnosed, FittedRecord, Identified, Improved
 from twinproof.model import Model
 
 Progress = Callable[[str], None]
@@ -61,21 +57,6 @@ def read_recording(
         dbc=dbc,
         inputs=[v.name for v in model.dae.inputs],
     )
-
-
-@dataclass(frozen=True)
-class Compared:
-    """The outcome of `compare`.
-
-    Attributes:
-        problem: Model and record, matched.
-        comparison: Errors, and where the model fails.
-        horizon: Window length [s]; None for the free simulation.
-    """
-
-    problem: Problem
-    comparison: Comparison
-    horizon: float | None
 
 
 def compare(
@@ -127,51 +108,6 @@ def horizon_of(horizon: Horizon, experiment: Experiment) -> float | None:
             remedy="write auto, free, or a length in seconds",
         )
     return seconds
-
-
-@dataclass(frozen=True)
-class FittedRecord:
-    """One of the records of `identify`, and how the fitted model does on it.
-
-    Attributes:
-        origin: Where the record comes from.
-        problem: Model and record, with the fitted values.
-        comparison: Errors, and where the model fails.
-        horizon: Window length [s]; None for the free simulation.
-    """
-
-    origin: str
-    problem: Problem
-    comparison: Comparison
-    horizon: float | None
-
-
-@dataclass(frozen=True)
-class Identified:
-    """The outcome of `identify`.
-
-    Attributes:
-        estimate: The fitted parameters.
-        records: Every record fitted, in the order given.
-    """
-
-    estimate: Estimate
-    records: tuple[FittedRecord, ...]
-
-    @property
-    def problem(self) -> Problem:
-        """Of the first record."""
-        return self.records[0].problem
-
-    @property
-    def comparison(self) -> Comparison:
-        """Of the first record."""
-        return self.records[0].comparison
-
-    @property
-    def horizon(self) -> float | None:
-        """Of the first record."""
-        return self.records[0].horizon
 
 
 def identify(
@@ -280,16 +216,6 @@ def _refuse_copies(recordings: Sequence[Recording], problems: Sequence[Problem])
         seen.add(mark)
 
 
-@dataclass(frozen=True)
-class Diagnosed:
-    """The outcome of `diagnose`."""
-
-    problem: Problem
-    diagnosis: Diagnosis
-    comparison: Comparison
-    horizon: float | None
-
-
 def diagnose(
     model: Model,
     recording: Recording,
@@ -345,15 +271,6 @@ def extend(model: Model, additions: Collection[str], *, name: str | None = None)
     )
     _ = extended.dae  # what is written must compile
     return extended
-
-
-@dataclass(frozen=True)
-class Improved:
-    """The outcome of `improve`."""
-
-    problem: Problem
-    holdout: Problem | None
-    improvement: Improvement
 
 
 def improve(

@@ -14,7 +14,7 @@ from identification.discovery.effects import Effect
 from identification.discovery.empirical import Proposal
 from identification.discovery.extension import Addition
 from identification.estimate import Estimate
-from twinproof.api import Compared, Diagnosed, Identified, Improved
+from twinproof.answers import Compared, Diagnosed, Identified, Improved
 
 Document = dict[str, Any]
 

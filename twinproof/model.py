@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from html import escape
 from pathlib import Path
 
 from fmus.black_box import black_box
-from fmus.dae import Dae
+from fmus.dae import Dae, Role
 from fmus.frontend import load
 from fmus.places import Place, places
 from fmus.sources import ModelicaSource, find_source
@@ -91,3 +92,24 @@ class Model:
     def variables(self) -> Mapping[str, str]:
         """Units of inputs and outputs by name: what a recording is matched with."""
         return {v.name: v.unit for v in (*self.dae.inputs, *self.dae.outputs)}
+
+    def _repr_html_(self) -> str:
+        """Return inputs, outputs, parameters and places as a table."""
+        parameters = self.dae.with_role(Role.PARAMETER)
+        rows = [
+            *(("input", v.name, v.unit, v.description) for v in self.dae.inputs),
+            *(("output", v.name, v.unit, v.description) for v in self.dae.outputs),
+            *(("parameter", v.name, v.unit, v.description) for v in parameters),
+            *(
+                ("place", p.name, p.unit, p.description)
+                for p in self.places
+                if p.kind not in ("input", "output")
+            ),
+        ]
+        body = "".join(
+            "<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in rows
+        )
+        return (
+            f"<p><strong>{escape(self.word)}</strong></p><table><thead><tr><th>Kind</th>"
+            f"<th>Name</th><th>Unit</th><th>What</th></tr></thead><tbody>{body}</tbody></table>"
+        )

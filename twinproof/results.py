@@ -12,7 +12,7 @@ from fmus.package import export
 from foundation.files import write_text
 from identification.discovery.ladder import Step
 from modelica import LIBRARY
-from twinproof.api import Improved
+from twinproof.answers import Improved
 from twinproof.report import write_improvement as write_report
 
 

@@ -161,6 +161,18 @@ def write_improvement(
     )
 
 
+def ladder_picture(improvement: Improvement, problem: Problem, holdout: Problem | None) -> Picture:
+    """Draw how the errors fall from step to step."""
+    short = [_short(step, improvement, holdout) for step in improvement.steps]
+    return ladder_plot.ladder(_panels(improvement, problem, short), "ladder")
+
+
+def shapes_of(improvement: Improvement) -> list[Picture]:
+    """Draw the shape of every force that was added, where it makes sense."""
+    found = [_shape(step).picture for step in improvement.steps[1:]]
+    return [picture for picture in found if picture is not None]
+
+
 def _short(step: Step, improvement: Improvement, holdout: Problem | None) -> _Short:
     values, sd = step.fit.values, step.fit.sd
     fitted = step.experiment.predict(values, WINDOW, sd=sd).total_nrmse

@@ -20,6 +20,7 @@ from twinproof.report.numbers import quantity, significant, with_unit
 from twinproof.report.picture import Picture, unit_of
 
 _TEMPLATES = Path(__file__).parent / "templates"
+STYLE_SHEET = _TEMPLATES / "style.css"
 _PACKAGES = ("twinproof", "rumoca", "casadi", "numpy", "scipy")
 
 
@@ -106,7 +107,7 @@ def _environment() -> jinja2.Environment:
 
 def render(template: str, **context: object) -> str:
     """Fill a template; pictures in the context become inline SVG by the macro `figure`."""
-    style = Markup((_TEMPLATES / "style.css").read_text(encoding="utf-8"))
+    style = Markup(STYLE_SHEET.read_text(encoding="utf-8"))
     return _environment().get_template(template).render(style=style, svg=_svg, **context)
 
 

@@ -58,7 +58,7 @@ def diagnosis_piece(diagnosis: Diagnosis, problem: Problem) -> str:
     refitted, scored = candidate_rows(diagnosis)
     chosen = diagnosis.chosen
     label = "" if chosen is None else chosen.addition.label
-    shape, why_not = _shape(diagnosis)
+    shape, why_not = shape_of(diagnosis)
     return render(
         "piece_diagnosis.html",
         headline=wording.diagnosis_headline(diagnosis, problem.dae.name),
@@ -75,7 +75,8 @@ def diagnosis_piece(diagnosis: Diagnosis, problem: Problem) -> str:
     )
 
 
-def _shape(diagnosis: Diagnosis) -> tuple[Picture | None, str]:
+def shape_of(diagnosis: Diagnosis) -> tuple[Picture | None, str]:
+    """Return the shape of what is missing with the chosen effect over it, or why there is none."""
     chosen = diagnosis.chosen
     if chosen is None:
         return None, ""

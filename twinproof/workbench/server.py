@@ -26,6 +26,7 @@ from twinproof.workbench.project import UPLOADS, Project, Step
 from twinproof.workbench.worker import Job, Worker
 
 STATIC = Path(__file__).parent / "static"
+# Not imported from the report, whose packages take seconds.
 STYLE = Path(__file__).parents[1] / "report" / "templates" / "style.css"
 HERE = "127.0.0.1"
 _LARGEST = 64 * 2**30

@@ -1,0 +1,200 @@
+"""What the calls of `twinproof` return: a notebook shows it, `plot()` draws it, pandas takes it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+
+from identification.comparison import Comparison
+from identification.discovery.diagnosis import Diagnosis
+from identification.discovery.ladder import Improvement
+from identification.estimate import Estimate
+from identification.problem import Problem
+from twinproof.model import Model
+
+if TYPE_CHECKING:
+    from twinproof.report.notebook import Plot
+
+
+@dataclass(frozen=True)
+class Compared:
+    """The outcome of `compare`.
+
+    Attributes:
+        problem: Model and record, matched.
+        comparison: Errors, and where the model fails.
+        horizon: Window length [s]; None for the free simulation.
+    """
+
+    problem: Problem
+    comparison: Comparison
+    horizon: float | None
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return measured, simulated and error of every channel over time [s]."""
+        return _curves(self.problem, self.comparison)
+
+    def plot(self) -> Plot:
+        """Return measured against simulated, and the error over time."""
+        from twinproof.report import notebook  # noqa: PLC0415 - Matplotlib takes its time
+
+        return notebook.comparison_plot(self.problem, self.comparison)
+
+    def _repr_html_(self) -> str:
+        from twinproof.report import notebook  # noqa: PLC0415
+
+        return notebook.comparison_html(self.problem, self.comparison)
+
+
+def _curves(problem: Problem, comparison: Comparison) -> pd.DataFrame:
+    prediction = comparison.prediction
+    columns: dict[tuple[str, str], np.ndarray[tuple[int], np.dtype[np.float64]]] = {}
+    for k, name in enumerate(problem.output_names):
+        columns[name, "measured"] = problem.outputs[:, k]
+        columns[name, "simulated"] = prediction.simulated[:, k]
+        columns[name, "error"] = prediction.error[:, k]
+    return pd.DataFrame(columns, index=pd.Index(problem.time, name="time"))
+
+
+@dataclass(frozen=True)
+class FittedRecord:
+    """One of the records of `identify`, and how the fitted model does on it.
+
+    Attributes:
+        origin: Where the record comes from.
+        problem: Model and record, with the fitted values.
+        comparison: Errors, and where the model fails.
+        horizon: Window length [s]; None for the free simulation.
+    """
+
+    origin: str
+    problem: Problem
+    comparison: Comparison
+    horizon: float | None
+
+
+@dataclass(frozen=True)
+class Identified:
+    """The outcome of `identify`.
+
+    Attributes:
+        estimate: The fitted parameters.
+        records: Every record fitted, in the order given.
+    """
+
+    estimate: Estimate
+    records: tuple[FittedRecord, ...]
+
+    @property
+    def problem(self) -> Problem:
+        """Of the first record."""
+        return self.records[0].problem
+
+    @property
+    def comparison(self) -> Comparison:
+        """Of the first record."""
+        return self.records[0].comparison
+
+    @property
+    def horizon(self) -> float | None:
+        """Of the first record."""
+        return self.records[0].horizon
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return the parameters: value, standard deviation, unit, and whether the data see it."""
+        return pd.DataFrame(
+            {
+                name: {"value": p.value, "sd": p.sd, "unit": p.unit, "identifiable": p.identifiable}
+                for name, p in self.estimate.parameters.items()
+            }
+        ).T.rename_axis("parameter")
+
+    def plot(self) -> Plot:
+        """Return the first record against the fitted model, and the error over time."""
+        from twinproof.report import notebook  # noqa: PLC0415
+
+        return notebook.comparison_plot(self.problem, self.comparison)
+
+    def _repr_html_(self) -> str:
+        from twinproof.report import notebook  # noqa: PLC0415
+
+        return notebook.comparison_html(self.problem, self.comparison, self.estimate)
+
+
+@dataclass(frozen=True)
+class Diagnosed:
+    """The outcome of `diagnose`."""
+
+    problem: Problem
+    diagnosis: Diagnosis
+    comparison: Comparison
+    horizon: float | None
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return the ranking: effect, place, evidence [nats], share explained, refitted."""
+        return pd.DataFrame(
+            [
+                {
+                    "effect": row.effect,
+                    "place": row.place,
+                    "evidence": row.evidence,
+                    "explains": row.explains,
+                    "refitted": row.refitted,
+                }
+                for row in self.diagnosis.ranking
+            ]
+        )
+
+    def plot(self) -> Plot:
+        """Return the shape of what is missing, and where the fitted model fails."""
+        from twinproof.report import notebook  # noqa: PLC0415
+
+        return notebook.diagnosis_plot(self.diagnosis, self.problem, self.comparison)
+
+    def _repr_html_(self) -> str:
+        from twinproof.report import notebook  # noqa: PLC0415
+
+        return notebook.diagnosis_html(self.diagnosis, self.problem)
+
+
+@dataclass(frozen=True)
+class Improved:
+    """The outcome of `improve`."""
+
+    problem: Problem
+    holdout: Problem | None
+    improvement: Improvement
+
+    @property
+    def model(self) -> Model:
+        """The last step's model, with fitted values as defaults."""
+        last = self.improvement.steps[-1].model
+        return Model(last.name, modelica=last.source)
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return the ladder: what each step added, and its errors as shares of the deviation."""
+        return pd.DataFrame(
+            [
+                {
+                    "added": "" if step.added is None else step.added.label,
+                    "fitted": step.train.nrmse,
+                    "unseen": math.nan if step.holdout is None else step.holdout.nrmse,
+                }
+                for step in self.improvement.steps
+            ]
+        ).rename_axis("step")
+
+    def plot(self) -> Plot:
+        """Return the ladder, and the shape of every force that was added."""
+        from twinproof.report import notebook  # noqa: PLC0415
+
+        return notebook.improvement_plot(self.improvement, self.problem, self.holdout)
+
+    def _repr_html_(self) -> str:
+        from twinproof.report import notebook  # noqa: PLC0415
+
+        return notebook.improvement_html(self.improvement, self.problem)
