@@ -6,6 +6,7 @@ import multiprocessing
 import os
 import threading
 from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
 from multiprocessing.connection import Connection
 from typing import Any, ParamSpec, TypeVar
 
@@ -54,6 +55,18 @@ def apart(stop: threading.Event, function: Callable[P, T], *args: P.args, **kwar
     if not done:
         raise value
     return value
+
+
+class Apart(ThreadPoolExecutor):
+    """An executor whose work is done apart, one piece after the other."""
+
+    def __init__(self, stop: threading.Event, name: str) -> None:
+        super().__init__(1, thread_name_prefix=name)
+        self._stop = stop
+
+    def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
+        """Have a function called."""
+        return super().submit(apart, self._stop, fn, *args, **kwargs)
 
 
 def _work(

@@ -13,7 +13,7 @@ import logging
 import threading
 import time
 from collections.abc import Callable, Mapping
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Protocol
@@ -22,7 +22,7 @@ from foundation.closing import Closing
 from foundation.errors import InputError, TwinproofError, UnknownNameError
 from hil.settings import Table, read_toml
 from recordings.readers.can_frames import Frames
-from twin.apart import apart
+from twin.apart import Apart, apart
 from twin.audit import Entry, canonical
 from twin.events import Event, EventKind
 from twin.hub import FLEET, Hub
@@ -96,7 +96,7 @@ class Service(Closing):
 
     Args:
         path: CONFIG.toml.
-        pipeline: Makes a twin's pipeline.
+        pipeline: Makes a twin's pipeline; what it has to do in the background goes to the executor.
         source: Opens a twin's buses.
         clock: Time, in that of the frames [s].
         steady: Time that nobody sets [s].
@@ -111,7 +111,7 @@ class Service(Closing):
     def __init__(
         self,
         path: Path,
-        pipeline: Callable[[TwinSettings, ParameterSet], Follower],
+        pipeline: Callable[[TwinSettings, ParameterSet, Executor], Follower],
         source: Callable[[Settings, TwinSettings], Source],
         *,
         clock: Callable[[], float] = time.time,
@@ -134,6 +134,7 @@ class Service(Closing):
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._run, name="twins", daemon=True)
         self._executor = ThreadPoolExecutor(1, thread_name_prefix="verification")
+        self._diagnoses = Apart(self._stopping, "diagnosis")
         self._round_at = steady()
         self._clock_offset = clock() - steady()
         self._next: dict[str, float] = {}
@@ -170,7 +171,8 @@ class Service(Closing):
         self.hub.close()
         if self._thread.is_alive():
             self._thread.join(_ALIVE)
-        self._executor.shutdown(wait=False, cancel_futures=True)
+        for executor in (self._executor, self._diagnoses):
+            executor.shutdown(wait=False, cancel_futures=True)
         for name in list(self._twins):
             self._end(name)
         self.journal.retry()
@@ -178,7 +180,10 @@ class Service(Closing):
         _LOG.info("stopped")
 
     def _begin(self, twin: TwinSettings) -> None:
-        monitor = Monitor(twin, self._make_pipeline, self.journal, self.clock, roots=self._roots)
+        def pipeline(settings: TwinSettings, start: ParameterSet) -> Follower:
+            return self._make_pipeline(settings, start, self._diagnoses)
+
+        monitor = Monitor(twin, pipeline, self.journal, self.clock, roots=self._roots)
         source = self._open_source(self.settings, twin)
         self._twins[twin.name] = Running(monitor, source, self._fingerprints[twin.name], Averages())
 

@@ -110,7 +110,7 @@ class Clock:
 class Script:
     """A pipeline that says what it is told to: `feed` takes events instead of frames."""
 
-    def __init__(self, settings, start):
+    def __init__(self, settings, start, executor=None):
         self.settings = settings
         self.reference = start
         self.estimate = None

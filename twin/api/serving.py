@@ -45,13 +45,15 @@ class _Server(uvicorn.Server):
         super().__init__(config)
         self._service = service
 
-    def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+    def handle_exit(self, sig: int, frame: FrameType | None) -> None:  # noqa: ARG002 - uvicorn's
         self._service.hub.close()
-        super().handle_exit(sig, frame)
+        # Not as uvicorn does it: that raises the signal again when it has ended, before we have.
+        self.force_exit = self.should_exit and sig == signal.SIGINT
+        self.should_exit = True
 
 
 def serve(service: Service) -> None:
-    """Serve a started service until SIGINT or SIGTERM; SIGHUP reads the settings again.
+    """Start a service and serve it until SIGINT or SIGTERM; SIGHUP reads the settings again.
 
     Raises:
         InputError: Somebody listens there already, or tokens are missing.
@@ -82,6 +84,7 @@ def serve(service: Service) -> None:
             where=f"{service.settings.path}, service.listen",
             remedy="end the other service, or choose another port",
         ) from error
+    service.start()
     _LOG.info("listening", extra={"address": f"{host}:{socket.getsockname()[1]}"})
     with socket:
         server.run([socket])

@@ -15,7 +15,7 @@ from sqlalchemy.orm import Session
 from foundation.closing import Closing
 from foundation.errors import InputError, StoreError, UnknownNameError
 from twin.audit import Audit, Entry, Head, KeyFile, canonical, check, code, content_hash
-from twin.events import Event, EventKind
+from twin.events import JSON, Event, EventKind
 from twin.store.database import WRITING, open_database, said_plainly, upgrade
 from twin.store.documents import Evidence, ParameterSet, SetState, TwinRecord
 from twin.store.history import Retention, Span, down_sample
@@ -185,6 +185,15 @@ class Store(Closing):
                     if content_hash(json.loads(row.document)) != row.id:
                         return Audit(found.events, False, f"{kind} {row.id[:12]} was changed")
         return found
+
+    def begin_anew(self, clock: Callable[[], float], because: str) -> None:
+        """Take the log's present end for its end, as after a restored backup; says so in it."""
+        with self._read() as session:
+            head = session.get(HeadRow, 1)
+            newest = Head() if head is None else Head(head.number, head.code)
+        self._key_file.keep(newest)
+        detail: dict[str, JSON] = {"what": "store", "because": because}
+        self.append([Event(clock(), "", EventKind.RECOVERED, detail)], clock)
 
     # Twins
 

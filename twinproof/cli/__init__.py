@@ -58,6 +58,9 @@ _COMMANDS = {
     ),
     "hil": _Home("hil", "Hardware in the loop: controllers against a plant over a CAN bus."),
     "whatif": _Home("whatif", "Run STUDY.toml; exit status 1 if a run does not meet a criterion."),
+    "twin": _Home(
+        "twin", "Twins of running plants: drift, re-verification, and the gate before deployment."
+    ),
 }
 
 
