@@ -20,7 +20,6 @@ tests an hour has (Bonferroni): a bound, since neighbouring windows share their 
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -119,44 +118,43 @@ class DriftMonitor:
     def restart(self) -> None:
         """Forget the data."""
         k, ny = len(self.names), len(self.channels)
-        self._scores: deque[Array] = deque(maxlen=self._most)
-        self._infos: deque[Array] = deque(maxlen=self._most)
-        self._squares: deque[Array] = deque(maxlen=self._most)
+        # One row a block: score, information, squared innovations, their counts. Twice as many as
+        # the longest window, so that the last blocks are always one piece.
+        self._rows = np.zeros((2 * self._most, k + k * k + 2 * ny))
+        self._count = 0
         self.statistics = dict.fromkeys(self.names, 0.0)
         self.joint = 0.0
-        self._zero = np.zeros(k), np.zeros((k, k)), np.zeros((2, ny))
 
     def take(self, scored: Scored) -> Alarm | None:
         """Take a block; return an alarm if a test rings."""
-        self._scores.append(scored.score * self.scale)
-        self._infos.append(scored.information * np.outer(self.scale, self.scale))
-        there = scored.innovations != 0.0
-        squares = (scored.innovations**2 / scored.variances).sum(axis=0)
-        self._squares.append(np.array([squares, there.sum(axis=0)]))
-        lengths = [n for n in self._lengths if n <= len(self._scores)]
+        k = len(self.names)
+        if self._count == len(self._rows):
+            self._rows[: self._most] = self._rows[self._most :]
+            self._count = self._most
+        row = self._rows[self._count]
+        row[:k] = scored.score * self.scale
+        row[k : k + k * k] = (scored.information * np.outer(self.scale, self.scale)).ravel()
+        if self.channels:
+            there = scored.innovations != 0.0
+            squares = (scored.innovations**2 / scored.variances).sum(axis=0)
+            row[k + k * k :] = [*squares, *there.sum(axis=0)]
+        self._count += 1
+        lengths = [n for n in self._lengths if n <= self._count]
         if not lengths:
             return None
-        score, info, square = self._sums(lengths)
-        z, change, joint = self._tests(score, info)
-        best = np.argmax(np.abs(z), axis=0)
-        self.statistics = {name: float(abs(z[best[j], j])) for j, name in enumerate(self.names)}
+        sums = self._sums(lengths)
+        info = sums[:, k : k + k * k].reshape(-1, k, k)
+        z, change, joint = self._tests(sums[:, :k], info)
+        best = np.max(np.abs(z), axis=0)
+        self.statistics = dict(zip(self.names, best.tolist(), strict=True))
         self.joint = float(np.max(joint))
-        return self._judged(lengths, z, change, joint, self._noise(square))
+        return self._judged(lengths, z, change, joint, self._noise(sums[:, k + k * k :]))
 
-    def information(self, seconds: float) -> tuple[Array, Array]:
-        """Return score (k,) and information (k, k) of the latest blocks, in parameters' units."""
-        n = max(1, round(seconds / self.block))
-        score = sum(list(self._scores)[-n:], self._zero[0])
-        info = sum(list(self._infos)[-n:], self._zero[1])
-        return score / self.scale, info / np.outer(self.scale, self.scale)
-
-    def _sums(self, lengths: Sequence[int]) -> tuple[Array, Array, Array]:
-        """Return sums over the last n blocks, for each n."""
-        scores = np.cumsum(np.array(self._scores)[::-1], axis=0)
-        infos = np.cumsum(np.array(self._infos)[::-1], axis=0)
-        squares = np.cumsum(np.array(self._squares)[::-1], axis=0)
-        rows = np.array(lengths) - 1
-        return scores[rows], infos[rows], squares[rows]
+    def _sums(self, lengths: Sequence[int]) -> Array:
+        """Return sums over the last n blocks, for each n, shortest first."""
+        starts = self._count - np.array(lengths)[::-1]
+        parts = np.add.reduceat(self._rows[: self._count], starts, axis=0)
+        return np.cumsum(parts[::-1], axis=0)
 
     def _tests(self, score: Array, info: Array) -> tuple[Array, Array, Array]:
         """Return z and relative changes, each (windows, k), and the joint deviate (windows,)."""
@@ -185,9 +183,8 @@ class DriftMonitor:
 
     def _noise(self, square: Array) -> Array:
         """Return (windows, ny): how much larger than predicted innovations are, as deviates."""
-        if not self.channels:
-            return np.zeros((len(square), 0))
-        sums, counts = square[:, 0], np.maximum(square[:, 1], 1.0)
+        ny = len(self.channels)
+        sums, counts = square[:, :ny], np.maximum(square[:, ny:], 1.0)
         c = 2.0 / (9.0 * counts)
         allowed = sums / (1 + _NOISE_MARGIN)
         return (np.cbrt(allowed / counts) - (1 - c)) / np.sqrt(c)
