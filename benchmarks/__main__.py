@@ -19,6 +19,7 @@ NAMES = (
     "furuta",
     "wheeled_pendulum",
     "hil",
+    "twin",
 )
 
 

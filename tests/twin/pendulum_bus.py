@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -62,6 +63,12 @@ false_alarms_per_hour = 0.01
 def twin(folder: Path, estimator: str = "") -> TwinSettings:
     """Return the settings of one twin."""
     return settings(folder, estimator).twins[0]
+
+
+def diagnosing(folder: Path) -> TwinSettings:
+    """Return the settings of a twin that diagnoses drifts on ten seconds."""
+    one = twin(folder)
+    return replace(one, drift=replace(one.drift, diagnose=10.0))
 
 
 def torque(time: float) -> float:

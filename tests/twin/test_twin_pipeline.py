@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import itertools
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
+from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
-from pendulum_bus import RATE, START, TRUE, frames, motion, part, twin
+from pendulum_bus import RATE, START, TRUE, diagnosing, frames, motion, part, twin
 
 from recordings.readers.can_frames import Frames
 from twin.events import Event, EventKind
@@ -222,6 +224,24 @@ def test_a_recording_gives_the_events_of_the_live_run(tmp_path: Path) -> None:
     assert found.estimate is not None
     assert found.estimate.values == live.estimate.values
     assert found.span == pytest.approx(12.0, abs=0.02)
+
+
+@pytest.mark.slow
+def test_an_effect_that_appears_is_named_in_a_process_of_its_own(tmp_path: Path) -> None:
+    whole = frames(motion(40, 6, friction=lambda t: 0.25 if t >= 15 else 0.0))
+    with ProcessPoolExecutor(1, get_context("spawn")) as executor:
+        live = Pipeline(diagnosing(tmp_path), executor=executor)
+        events = _run(live, whole)
+    drift = next(e for e in events if e.kind is EventKind.DRIFT)
+    found = next(e for e in events if e.kind is EventKind.DIAGNOSIS)
+    assert START + 15 < drift.time < START + 20
+    assert found.detail["verdict"] == "effect"
+    assert found.detail["name"] == "CoulombFriction@joint"
+    parameters = found.detail["parameters"]
+    assert isinstance(parameters, dict)
+    assert parameters["tau_c"] == pytest.approx(0.25, abs=0.05)
+    # A replay waits for it; what it says, and of when, is the same.
+    assert found in Pipeline(diagnosing(tmp_path)).feed(whole)
 
 
 def test_history_is_bounded_and_aligned(tmp_path: Path, quiet: Frames) -> None:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from hil.bus.codec import Layout
 from hil.bus.dbc import protection_of
-from hil.bus.e2e import Checking
+from hil.bus.e2e import Checking, Status
 from hil.bus.statistics import Statistics
 from recordings.readers.can_bits import scaled_values
 from recordings.readers.can_frames import EXTENDED, Frames
@@ -132,6 +132,7 @@ class Decoder:
         for k, length in enumerate(frames.length[rows].tolist()):
             before = checking.lost
             status = checking.check(content[k * width : k * width + length])
-            self.statistics.note(status, checking.lost - before)
-            good[k] = status.is_good
+            good[k] = status is Status.OK or status.is_good
+            if status is not Status.OK:
+                self.statistics.note(status, checking.lost - before)
         return good
