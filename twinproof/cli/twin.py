@@ -13,6 +13,7 @@ from rich.table import Table
 from foundation.errors import InputError
 from twin.client import Client, ServiceSilentError
 from twinproof.cli.options import Output, json_option, modelica_path_option
+from twinproof.cli.twin_replay import replay_command
 from twinproof.documents import document
 
 _URL = "http://127.0.0.1:8460"
@@ -290,3 +291,6 @@ def _word(gate: dict[str, Any]) -> str:
 
 def _number(value: float | None) -> str:
     return "" if value is None else f"{value:.5g}"
+
+
+twin.add_command(replay_command)

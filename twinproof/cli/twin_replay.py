@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 from rich.table import Table
 
 from foundation.errors import InputError
-from twin.events import EventKind
-from twin.replay import Replay, replay
-from twin.settings import Settings, TwinSettings, read_settings
 from twinproof.cli.options import Output, json_option, modelica_path_option
 from twinproof.documents import Document, document
+
+if TYPE_CHECKING:
+    from twin.replay import Replay
+    from twin.settings import Settings, TwinSettings
 
 
 @click.command("replay")
@@ -34,6 +36,10 @@ def replay_command(
     Example:
       twinproof twin replay line-3.toml recordings/robot --json -
     """
+    # The other commands of `twin` need no compiler of models, and shall be there at once.
+    from twin.replay import replay  # noqa: PLC0415
+    from twin.settings import read_settings  # noqa: PLC0415
+
     output = Output(json_path)
     settings = _chosen(read_settings(config, roots=modelica_path), name)
     with output.progress() as progress:
@@ -120,7 +126,7 @@ def _event_table(found: Replay) -> Table:
     for heading in ("time [s]", "what", "about"):
         table.add_column(heading, justify="right" if heading == "time [s]" else "left")
     for event in found.events:
-        if event.kind is not EventKind.PARAMETERS:
+        if event.kind.value != "parameters":
             about = event.detail.get("parameter") or event.detail.get("name")
             about = about or event.detail.get("message") or event.detail.get("what") or ""
             table.add_row(f"{event.time:.3f}", event.kind.value.replace("_", " "), str(about))
