@@ -24,7 +24,10 @@ Tensor = NDArray[np.float64]
 
 _WORKERS = 2
 _DIFFERENCE = 1e-5
-_SLOWEST, _FASTEST = 0.01, 300.0
+_FASTEST = 300.0  # [1/s] of a disturbance
+# A disturbance changes several times in a record: what keeps its value for longer than this share
+# of it is an offset, which has a name.
+_LONGEST_MEMORY = 0.25
 # A change of the log-likelihood that is not worth another step [nats].
 _SMALL_GAIN = 0.01
 _BLOCKS = 200  # over which scores are summed
@@ -52,6 +55,12 @@ class Likelihood:
     noise_sd: Vector
     mean: Vector
     variance: Vector
+
+    @property
+    def slowest(self) -> float:
+        """Rate of the slowest disturbance that is told from an offset [1/s]."""
+        time = self.problem.time
+        return 1.0 / (_LONGEST_MEMORY * float(time[-1] - time[0]))
 
     @classmethod
     def of(cls, problem: Problem, disturbances: Sequence[str]) -> Likelihood:
@@ -306,7 +315,7 @@ def maximise(
         current, processes, _, damping = found
         expansion = expand(likelihood, current, processes, steps, shape=shape)
         # A damped step may gain little far from the maximum: what is left to gain decides.
-        if _left_to_gain(expansion) < _SMALL_GAIN:
+        if _left_to_gain(likelihood, expansion, processes) < _SMALL_GAIN:
             converged = True
             break
     covariance = covariance_at(expansion)
@@ -316,9 +325,13 @@ def maximise(
     )
 
 
-def _left_to_gain(expansion: Expansion) -> float:
+def _left_to_gain(
+    likelihood: Likelihood, expansion: Expansion, disturbances: Sequence[Disturbance]
+) -> float:
     """Return how much the likelihood would rise to its maximum if it were quadratic [nats]."""
-    return 0.5 * float(expansion.score @ _solve(expansion, _FIRST_DAMPING))
+    return 0.5 * float(
+        expansion.score @ _solve(likelihood, expansion, disturbances, _FIRST_DAMPING)
+    )
 
 
 def _ascend(
@@ -330,8 +343,8 @@ def _ascend(
 ) -> tuple[dict[str, float], tuple[Disturbance, ...], Innovations, float] | None:
     """Return a point of larger likelihood and the damping to go on with; None if there is none."""
     for _ in range(_TRIES):
-        move = _solve(expansion, damping)
-        new, shaped = _moved(values, disturbances, likelihood.free, move)
+        move = _solve(likelihood, expansion, disturbances, damping)
+        new, shaped = _moved(likelihood, values, disturbances, move)
         run = likelihood.run(new, shaped)
         if run.log_likelihood > expansion.at.log_likelihood:
             return new, shaped, run, damping / 10
@@ -349,19 +362,36 @@ def _needless(
     return without.log_likelihood > expansion.at.log_likelihood - _SMALL_GAIN
 
 
-def _solve(expansion: Expansion, damping: float) -> Vector:
-    scale = np.sqrt(np.maximum(np.diag(expansion.information), 1e-300))
-    scaled = expansion.information / np.outer(scale, scale)
-    damped = scaled + damping * np.eye(len(scale))
-    return np.linalg.solve(damped, expansion.score / scale) / scale
+def _solve(
+    likelihood: Likelihood,
+    expansion: Expansion,
+    disturbances: Sequence[Disturbance],
+    damping: float,
+) -> Vector:
+    """Return the damped step; a disturbance's rate that is at its bound only moves back inside."""
+    inside = np.ones(len(expansion.score), dtype=bool)
+    if len(expansion.score) > len(likelihood.free):
+        for i, d in enumerate(disturbances):
+            rate = len(likelihood.free) + 2 * i
+            uphill = expansion.score[rate]
+            inside[rate] = not (
+                (d.rate <= likelihood.slowest and uphill < 0) or (d.rate >= _FASTEST and uphill > 0)
+            )
+    information = expansion.information[np.ix_(inside, inside)]
+    scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
+    damped = information / np.outer(scale, scale) + damping * np.eye(len(scale))
+    move = np.zeros(len(inside))
+    move[inside] = np.linalg.solve(damped, expansion.score[inside] / scale) / scale
+    return move
 
 
 def _moved(
+    likelihood: Likelihood,
     values: Mapping[str, float],
     disturbances: Sequence[Disturbance],
-    free: Sequence[str],
     move: Vector,
 ) -> tuple[dict[str, float], tuple[Disturbance, ...]]:
+    free, slowest = likelihood.free, likelihood.slowest
     new = {**values, **{n: values[n] + float(m) for n, m in zip(free, move, strict=False)}}
     if len(move) == len(free):
         return new, tuple(disturbances)
@@ -369,7 +399,7 @@ def _moved(
     logs = np.clip(move[len(free) :], -1.0, 1.0)
     shaped = tuple(
         Disturbance(
-            float(np.clip(d.rate * np.exp(logs[2 * i]), _SLOWEST, _FASTEST)),
+            float(np.clip(d.rate * np.exp(logs[2 * i]), slowest, _FASTEST)),
             float(d.sd * np.exp(logs[2 * i + 1])),
         )
         for i, d in enumerate(disturbances)

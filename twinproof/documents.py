@@ -221,6 +221,7 @@ def improved(result: Improved, files: Mapping[int, tuple[str, str]]) -> Document
                     "accepted": step.verdict is None or step.verdict.accepted,
                     "because": "" if step.verdict is None else step.verdict.reason,
                     "contradicted": step.contradicted,
+                    "removed": [a.label for a in step.removed],
                     "parameters": {
                         step.model.user_name(name): {
                             "value": step.fit.values[name],

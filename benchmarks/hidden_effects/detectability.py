@@ -16,7 +16,7 @@ from benchmarks.hidden_effects.plants import Plant
 from benchmarks.hidden_effects.simulation import SAMPLE, Run, windows
 
 _WINDOW = 1.0
-_ITERATIONS = 8
+_ITERATIONS = 60
 DETECTABLE = 5.0
 """Above this many nats an effect counts as detectable."""
 

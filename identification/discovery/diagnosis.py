@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 
@@ -11,7 +11,7 @@ import numpy as np
 from foundation.errors import DivergenceError, TwinproofError
 from identification.discovery.crossvalidation import Verdict, crossvalidate
 from identification.discovery.empirical import Proposal, propose
-from identification.discovery.evidence import Refit, refit_all
+from identification.discovery.evidence import CHANCE_GAIN, Refit, refit_all
 from identification.discovery.extension import ExtendedModel
 from identification.discovery.innovation_scan import Opinion, adopt, second_opinion
 from identification.discovery.next_experiment import propose as propose_experiment
@@ -28,7 +28,6 @@ _COMPARED = 3
 # Candidates this close in merit to the best are not told apart by this record [nats].
 _TIE = 3.0
 _AT_FLOOR = 1.1
-_CHANCE_GAIN = 3.0
 _NUMERICAL = 1e-4
 # A disturbance of this share of the input may be called noise of the machine; beside one of that
 # share no effect is named.
@@ -111,7 +110,6 @@ def diagnose(
     experiment: Experiment,
     fit: Fit,
     *,
-    disturbed: bool = False,
     progress: Progress = lambda _: None,
 ) -> Diagnosis:
     """Find the effect that best explains what a fitted model leaves over.
@@ -120,20 +118,16 @@ def diagnose(
         model: The present model.
         experiment: That model on the record.
         fit: Its fit over `WINDOW`-second windows.
-        disturbed: An unknown disturbance was found before: ask the innovations only.
         progress: Told what is being done.
     """
-    if disturbed:
-        found = _with_disturbance(model, experiment, fit, None, progress)
-    else:
-        found, refits = _by_output_error(model, experiment, fit, progress)
-        noise_known = not np.any(np.isnan(experiment.problem.noise_sd))
-        if found.outcome is Outcome.UNKNOWN_SHAPE and noise_known:
-            found = _with_disturbance(model, experiment, fit, found, progress)
-        if found.outcome is Outcome.UNKNOWN_SHAPE:
-            progress("looking for a curve without a name")
-            noise = noise_estimate(experiment.problem)
-            found = replace(found, proposal=propose(model, experiment, fit, noise, refits))
+    found, refits = _by_output_error(model, experiment, fit, progress)
+    noise_known = not np.any(np.isnan(experiment.problem.noise_sd))
+    if found.outcome is Outcome.UNKNOWN_SHAPE and noise_known:
+        found = _with_disturbance(model, experiment, fit, found, progress)
+    if found.outcome is Outcome.UNKNOWN_SHAPE:
+        progress("looking for a curve without a name")
+        noise = noise_estimate(experiment.problem)
+        found = replace(found, proposal=propose(model, experiment, fit, noise, refits))
     return found
 
 
@@ -141,13 +135,11 @@ def _with_disturbance(
     model: ExtendedModel,
     experiment: Experiment,
     fit: Fit,
-    found: Diagnosis | None,
+    found: Diagnosis,
     progress: Progress,
 ) -> Diagnosis:
     """Diagnose by the innovations, beside an unknown disturbance at every input."""
     progress("asking again, with an unknown disturbance at the inputs")
-    if found is None:
-        found = Diagnosis(Outcome.UNKNOWN_SHAPE, (), (), None, {}, {}, "")
     try:
         opinion = second_opinion(model, experiment.problem, fit.values)
     except DivergenceError:
@@ -182,16 +174,14 @@ def _by_output_error(
 ) -> tuple[Diagnosis, tuple[Refit, ...]]:
     progress("scoring every effect at every place")
     scanned = scan(model, experiment, fit)
-    shortlist = [s for s in scanned.scored[:SHORTLIST] if s.gain > 0]
-    # What shows only when it is large is tried from several sizes instead.
-    shortlist += [s for s in scanned.scored if s.blind and s.addition.place.kind != "output"]
+    shortlist = _shortlist(scanned.scored)
     progress(f"refitting the best {len(shortlist)} of {len(scanned.scored)}")
     refits, failed = refit_all(model, experiment, fit, shortlist)
     noise = noise_estimate(experiment.problem)
     checks: dict[str, Verdict] = {}
     chosen: Refit | None = None
     # The best of n candidates gains this much by chance alone.
-    worth_trying = _CHANCE_GAIN + np.log(max(len(scanned.scored), 1))
+    worth_trying = CHANCE_GAIN + np.log(max(len(scanned.scored), 1))
     for candidate in [r for r in refits if r.evidence > worth_trying][:_TRIALS]:
         progress(f"cross-validating {candidate.addition.label}")
         verdict = crossvalidate(
@@ -224,6 +214,21 @@ def _by_output_error(
         _next_experiment(rivals, progress),
     )
     return diagnosis, refits
+
+
+def _shortlist(scored: Sequence[Scored]) -> list[Scored]:
+    """Return the candidates worth a refit."""
+    best, rest = [s for s in scored[:SHORTLIST] if s.gain > 0], scored[SHORTLIST:]
+    # What shows only when it is large is tried from several sizes instead.
+    blind = [s for s in scored if s.blind and s.addition.place.kind != "output"]
+    # A lag at the input looks like one at every sensor; each of these alone may score higher.
+    late = any(s.addition.effect.has_memory and s.addition.place.kind == "output" for s in best)
+    inputs = [
+        s
+        for s in rest
+        if s.addition.effect.has_memory and s.addition.place.kind == "input" and not s.blind
+    ]
+    return [*best, *blind, *(inputs if late else [])]
 
 
 def _row(refit: Refit) -> Ranked:

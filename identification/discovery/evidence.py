@@ -19,6 +19,8 @@ from identification.problem import Matrix, Vector
 
 _WORKERS = 2
 _ROUNDING = 1e-9
+CHANCE_GAIN = 3.0
+"""What a useless candidate gains by chance, at most [nats]."""
 # A parameter that cannot start at its neutral value (a bound, or a flat cost) starts from these
 # shares of its nominal value instead, the best of them after a few steps going on.
 _STARTS = (0.1, 0.5, 1.0, 3.0, 10.0, 30.0)
@@ -148,6 +150,11 @@ def refit(model: ExtendedModel, experiment: Experiment, base: Fit, scored: Score
     if float(np.sum(log_gain(base, best)[0])) < 0:
         # The predicted step overshot (an absent effect would have done better): come from nearer.
         best = _fit_from(larger, x0, {k: 0.1 * v for k, v in start.items()})
+    if not best.converged:
+        # Far from where the smaller model was, long windows of an unstable machine lead nowhere.
+        best = max(
+            best, _by_stages(larger, start), key=lambda f: float(np.sum(log_gain(base, f)[0]))
+        )
     effect = addition.effect
     fitted = {
         p: best.values[bigger.parameter_of(addition, p)]
@@ -188,6 +195,10 @@ def _fit_from(
     values = {**larger.problem.values, **start}
     problem, windows = larger.problem, larger.windows
     return fit(problem, larger.shooting, windows, x0, values, iterations=iterations)
+
+
+def _by_stages(larger: Experiment, start: dict[str, float]) -> Fit:
+    return larger.fit_stages({**larger.problem.values, **start})[-1]
 
 
 def log_gain(base: Fit, better: Fit) -> tuple[Vector, float]:

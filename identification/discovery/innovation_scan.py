@@ -60,6 +60,12 @@ class Second:
     tried: int
 
     @property
+    def merit(self) -> float:
+        """Evidence less the price of the parameters (½ log n each) [nats]."""
+        samples = self.maximum.innovations.innovations.size
+        return self.evidence - 0.5 * len(self.addition.values) * float(np.log(samples))
+
+    @property
     def accepted(self) -> bool:
         """It predicts blocks that it was not fitted to better, by more than chance.
 
@@ -122,7 +128,7 @@ def second_opinion(model: ExtendedModel, problem: Problem, values: Mapping[str, 
     refits = [
         _refit(model, problem, base, addition, step, len(scored)) for addition, _, step in worth
     ]
-    refits.sort(key=lambda s: -s.evidence)
+    refits.sort(key=lambda s: -s.merit)
     best = next((r for r in refits if r.evidence > price), None)
     if best is not None:
         best = replace(best, unseen=_unseen(model, problem, base, best))
@@ -279,7 +285,7 @@ def adopt(
         fit=at,
         evidence=second.evidence,
         explains=removed,
-        merit=second.evidence,
+        merit=second.merit,
         at_bound=(),
         gain=0.5 * np.log(before / after),
         independent=np.full(len(before), float(len(experiment.problem.time))),

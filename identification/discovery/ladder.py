@@ -12,6 +12,7 @@ from identification.comparison import Comparison, compare
 from identification.discovery.crossvalidation import Verdict
 from identification.discovery.diagnosis import Diagnosis, Outcome, diagnose
 from identification.discovery.extension import Addition, ExtendedModel, extend
+from identification.discovery.superfluous import without_superfluous
 from identification.discovery.transfer import transfer_problem
 from identification.estimators.start import best_start
 from identification.experiment import Experiment
@@ -37,6 +38,7 @@ class Step:
         holdout: Prediction of the unseen record; None if there is none.
         diagnosis: What this model still lacks.
         contradicted: The unseen record got worse by this step, over one-second windows.
+        removed: Earlier effects that this step made needless.
     """
 
     number: int
@@ -49,6 +51,7 @@ class Step:
     holdout: Comparison | None
     diagnosis: Diagnosis
     contradicted: bool = False
+    removed: tuple[Addition, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -82,6 +85,7 @@ class _Rung:
     experiment: Experiment
     fit: Fit
     added: Addition | None
+    removed: tuple[Addition, ...]
     verdict: Verdict | None
     diagnosis: Diagnosis
 
@@ -117,18 +121,25 @@ def improve(
     fit = experiment.fit_stages(best_start(experiment).values)[-1]
     rungs: list[_Rung] = []
     added: Addition | None = None
+    removed: tuple[Addition, ...] = ()
     verdict: Verdict | None = None
-    disturbed = False
+    tried = 0
     while True:
-        diagnosis = diagnose(model, experiment, fit, disturbed=disturbed, progress=progress)
-        disturbed = disturbed or bool(diagnosis.disturbance and diagnosis.chosen)
-        rungs.append(_Rung(model, experiment, fit, added, verdict, diagnosis))
-        if diagnosis.chosen is None or len(model.additions) >= max_effects:
+        diagnosis = diagnose(model, experiment, fit, progress=progress)
+        rungs.append(_Rung(model, experiment, fit, added, removed, verdict, diagnosis))
+        # What goes may come again: the number of steps is bounded too.
+        full = len(model.additions) >= max_effects or tried >= 2 * max_effects
+        if diagnosis.chosen is None or full:
             break
         chosen = diagnosis.chosen
         progress(f"adding {chosen.addition.label}")
         added, verdict = chosen.addition, diagnosis.checks[chosen.addition.label]
-        model, experiment, fit = chosen.model, chosen.experiment, chosen.fit
+        progress("testing again what was added before")
+        slim = without_superfluous(
+            chosen.model, chosen.experiment, chosen.fit, noise_estimate(problem)
+        )
+        model, experiment, fit, removed = slim.model, slim.experiment, slim.fit, slim.removed
+        tried += 1
     progress("scoring all steps, the unseen record for the first time")
     last = rungs[-1]
     if horizon == "auto":
@@ -188,6 +199,7 @@ def _score(
                 unseen,
                 rung.diagnosis,
                 contradicted,
+                rung.removed,
             )
         )
     return tuple(steps)

@@ -115,6 +115,7 @@ def _promising(
         return [Disturbance(rate, float(share * size)) for size in spread]
 
     none = likelihood.run(values, shaped(1.0, 0.0)).log_likelihood
+    rates = [rate for rate in rates if rate > likelihood.slowest]
     tried = [shaped(rate, share) for rate in rates for share in _SHARES]
     gains = [likelihood.run(values, d).log_likelihood for d in tried]
     if not tried or len(spread) == 0:

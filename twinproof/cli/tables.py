@@ -118,6 +118,7 @@ def ladder(improvement: Improvement) -> Table:
     table.add_column("NRMSE\nunseen", justify="right")
     for step in improvement.steps:
         row = [str(step.number), "" if step.added is None else step.added.label]
+        row[1] += "".join(f"\nwithout {a.label}" for a in step.removed)
         if step.contradicted:
             row[1] += " (contradicted by the unseen record)"
         for name in names:

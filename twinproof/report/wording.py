@@ -212,6 +212,7 @@ def certainty(improvement: Improvement) -> list[str]:
                 f"{significant(rival.evidence)} for the runner-up, {spoken(rival.label)}"
             )
         sentences.append(sentence + ".")
+        sentences += [f"With it {spoken(a.label)} is needless, and went." for a in step.removed]
         sentences += [tied(tie, step.added.label) for tie in before.diagnosis.ties]
     against = [step for step in steps if step.contradicted]
     if against:
