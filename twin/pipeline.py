@@ -25,6 +25,7 @@ from twin.drift import Alarm, DriftMonitor
 from twin.estimate import Estimate
 from twin.estimation import FilterFit, KalmanFit, OnlineFit, shares_filter
 from twin.events import JSON, Event, EventKind
+from twin.free_run import FreeRun, start_parameters
 from twin.history import History, Predictions
 from twin.ingest.decoder import Decoder
 from twin.ingest.sampler import Block, Sampler
@@ -73,6 +74,8 @@ class Health:
         restarts: Of the filters, after gaps and divergences.
         stale: Messages that are silent.
         noise: Output → innovations over their predicted standard deviation, of the last block.
+        free: Output → root mean square error of the model by itself over the last horizon, its
+            unit.
     """
 
     counts: Mapping[str, int]
@@ -80,6 +83,7 @@ class Health:
     restarts: int
     stale: tuple[str, ...]
     noise: Mapping[str, float]
+    free: Mapping[str, float]
 
 
 @dataclass
@@ -157,6 +161,8 @@ class Pipeline:
             block=e.block,
             sample_time=self._h,
         )
+        self._free = _free_run(settings, model, self._following, self._h)
+        self._tunable = {v.name for v in settings.plant.described.parameters}
         self._drift: _Drift | None = None
         self._excited: bool | None = None
         self._time: float | None = None
@@ -200,6 +206,14 @@ class Pipeline:
         return self._history.last()
 
     @property
+    def free(self) -> Predictions | None:
+        """What the FMU does by itself from the filtered state on, over the last horizon.
+
+        None: that is not known yet, or the model's states have no start parameters.
+        """
+        return None if self._free is None else self._free.last
+
+    @property
     def drift(self) -> dict[str, JSON]:
         """The tests as they stand: `state`, `since`, `parameter`, `threshold`, `statistics`."""
         drift = self._drift
@@ -223,6 +237,7 @@ class Pipeline:
             self._restarts,
             tuple(sorted(self._telemetry.stale)),
             dict(self._noise),
+            {} if self._free is None else dict(self._free.rms),
         )
 
     # What comes
@@ -252,6 +267,11 @@ class Pipeline:
         for change in self._telemetry.silent(stamp):
             events += self._changed(change)
         return events + self._diagnosed(wait=False)
+
+    def close(self) -> None:
+        """Let go of the FMU; nothing is fed after that."""
+        if self._free is not None:
+            self._free.close()
 
     def verify(self, parameters: Parameters) -> None:
         """Compare with these parameters from the next block on; a drift is over."""
@@ -301,6 +321,8 @@ class Pipeline:
         self._believed.restart()
         self._following.restart()
         self._restarts += 1
+        if self._free is not None:
+            self._free.restart()
 
     def _block(self, block: Block) -> list[Event]:
         time = (block.start + len(block.outputs) * self._sampler.step) * _SECOND
@@ -315,6 +337,11 @@ class Pipeline:
         spread = np.sqrt(scored.variances)
         missing = np.isnan(block.outputs)
         predicted = np.where(missing, np.nan, block.outputs - scored.innovations)
+        if self._free is not None:
+            values = {**self._believed.values, **self._fit.values}
+            known = {n: v for n, v in values.items() if n in self._tunable}
+            y = block.outputs
+            self._free.add(block.start, block.inputs[:-1], y, scored.states[0], known)
         self._history.add(block.start, block.inputs[:-1], block.outputs, predicted, spread)
         rms = np.sqrt(np.mean((scored.innovations / spread) ** 2, axis=0))
         self._noise = dict(zip(self.plant.outputs, rms.tolist(), strict=True))
@@ -494,4 +521,21 @@ def _fit(
         tau=e.tau,
         fading=fading,
         wanted=e.excitation,
+    )
+
+
+def _free_run(
+    settings: TwinSettings, model: PlantModel, filtered: ScoredFilter, sample_time: float
+) -> FreeRun | None:
+    starts = start_parameters(filtered.state_names, model.dae.start_parameters)
+    if starts is None:
+        return None
+    samples = round(settings.estimator.horizon * settings.rate)
+    return FreeRun(
+        settings.plant.fmu,
+        model.inputs,
+        model.outputs,
+        starts,
+        sample_time=sample_time,
+        samples=samples,
     )

@@ -83,6 +83,7 @@ def replay(
     if first is None or last is None:
         raise FormatError("no frame in the log", where=str(data), remedy="record it again")
     drift, health = pipeline.drift, pipeline.health
+    pipeline.close()
     state = str(drift["state"])
     if health.stale:
         state = "stale"

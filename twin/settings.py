@@ -135,6 +135,7 @@ class EstimatorSettings:
         disturbance_time: Its correlation time [s].
         memory: After which old data count little [s].
         tau: Time constants of the output filter [s].
+        horizon: Over which the model is run by itself, for comparison [s].
         block: Time between two estimates, and between two tests for drift [s].
         excitation: Standard deviation, relative to a parameter's value, that the memory's data
             must promise at least half of the parameters; else the estimate rests.
@@ -146,12 +147,14 @@ class EstimatorSettings:
     disturbance_time: float = unit("s", 0.3)
     memory: float = unit("s", 20.0)
     tau: float = unit("s", 0.3)
+    horizon: float = unit("s", 1.0)
     block: float = unit("s", 0.1)
     excitation: float = 0.1
 
     def __post_init__(self) -> None:
         _positive("twin.estimator", disturbance_time=self.disturbance_time)
         _positive("twin.estimator", memory=self.memory, block=self.block, tau=self.tau)
+        _positive("twin.estimator", horizon=self.horizon)
         _positive("twin.estimator", excitation=self.excitation)
 
 

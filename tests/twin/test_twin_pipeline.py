@@ -14,6 +14,7 @@ from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 from pendulum_bus import RATE, START, TRUE, diagnosing, frames, motion, part, twin
+from scipy.integrate import solve_ivp
 
 from recordings.readers.can_frames import Frames
 from twin.events import Event, EventKind
@@ -57,12 +58,15 @@ def test_a_plant_as_verified_stays_so(tmp_path: Path, quiet: Frames) -> None:
     assert all(0.5 < noise[n] < 1.6 for n in ("theta", "omega"))
 
 
+@pytest.mark.parametrize("kind", ["kalman", "output-filter"])
 @pytest.mark.parametrize("name", NAMES)
-def test_a_step_of_a_parameter_is_flagged_named_and_followed(tmp_path: Path, name: str) -> None:
+def test_a_step_of_a_parameter_is_flagged_named_and_followed(
+    tmp_path: Path, name: str, kind: str
+) -> None:
     factor = 1.6 if name == "d" else 1.12
     moved = {name: factor * TRUE[name]}
-    whole = frames(motion(75, 2, lambda t: moved if t >= CHANGE_AT else {}))
-    pipeline = Pipeline(twin(tmp_path))
+    whole = frames(motion(65, 2, lambda t: moved if t >= CHANGE_AT else {}))
+    pipeline = Pipeline(twin(tmp_path, f'kind = "{kind}"\ntau = 0.05'))
     drifts = [e for e in _run(pipeline, whole) if e.kind is EventKind.DRIFT]
     assert len(drifts) == 2
     assert START + CHANGE_AT < drifts[0].time <= START + CHANGE_AT + 5
@@ -75,6 +79,34 @@ def test_a_step_of_a_parameter_is_flagged_named_and_followed(tmp_path: Path, nam
         assert abs(estimate.values[other] - true) < 4 * estimate.sd[other], other
     assert estimate.values[name] / TRUE[name] == pytest.approx(factor, rel=0.1)
     assert pipeline.drift["parameter"] == name
+
+
+def test_the_model_by_itself_is_compared_with_the_plant(tmp_path: Path) -> None:
+    """Against another integration, from the same state with the same commands."""
+    rows = motion(25, seed=8)
+    pipeline = Pipeline(twin(tmp_path))
+    _run(pipeline, frames(rows))
+    free, seen = pipeline.free, pipeline.predictions
+    assert free is not None
+    assert len(free.time) == RATE
+    assert np.nanmax(np.abs(free.residual[0])) < 0.15
+    k = round((free.time[0] - START) * RATE)
+    values = pipeline.estimate.values if pipeline.estimate else TRUE
+
+    def slope(t: float, x: np.ndarray) -> list[float]:
+        u = rows[min(k + int((t + 1e-9) * RATE), len(rows) - 1), 1]
+        force = u - values["mgl"] * np.sin(x[0]) - values["d"] * x[1]
+        return [x[1], force / values["J"]]
+
+    times = np.arange(len(free.time)) / RATE
+    run = solve_ivp(
+        slope, (0, 1), free.predicted[0], t_eval=times, rtol=1e-8, atol=1e-10, max_step=1 / RATE
+    )
+    # The estimate moved a little during that second.
+    assert free.predicted == pytest.approx(run.y.T, abs=0.05)
+    assert pipeline.health.free["theta"] < 0.05
+    assert np.isin(np.round(free.time, 4), np.round(seen.time, 4)).all()
+    pipeline.close()
 
 
 def test_what_is_verified_anew_is_no_drift(tmp_path: Path) -> None:
