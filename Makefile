@@ -6,6 +6,7 @@
 #   make check                  format, lint, types
 #   make bench                  the full benchmarks
 #   make reproduce              the three published works' tables and figures, docs/reproduction
+#   make docs                   the documentation, in build/docs; every link checked
 #   make pages                  docs/benchmarks: the measured benchmarks; needs TWINPROOF_DATA
 #   make install PYTHON=python3.12
 
@@ -20,7 +21,7 @@ ARGS ?=
 export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: help install demo test check bench reproduce pages wheel lock clean distclean
+.PHONY: help install demo test check bench reproduce docs pages wheel lock clean distclean
 
 help:
 	@sed -n 's/^#   //p' Makefile
@@ -47,6 +48,9 @@ bench: $(STAMP)
 
 reproduce: $(STAMP)
 	@$(BIN)/python -m docs.reproduce $(ARGS)
+
+docs: $(STAMP)
+	@$(BIN)/python -m docs.site
 
 pages: $(STAMP)
 	@$(BIN)/python -m benchmarks.real_data $(ARGS)

@@ -90,8 +90,8 @@ def characteristic(
         base: The user's model, if the effect is defined in its text or its libraries.
 
     Raises:
-        UnsupportedModelError: The effect has a memory (a lag, a delay) or further inputs, so it is
-            no curve.
+        UnsupportedModelError: The effect has a memory (a lag, a delay), further inputs, or changes
+            with time, so it is no curve.
 
     Example:
         >>> from identification.discovery.effects import find_effects
@@ -161,6 +161,11 @@ def _law(effect: Effect, base: ModelicaSource | None) -> _Law:
     chosen = used[-1] if used else len(symbols) - 1
     others: list[SX] = [s for k, s in enumerate(symbols) if k != chosen]
     y = ca.substitute(y, ca.vertcat(*others), ca.SX.zeros(len(others))) if others else y
+    if any(symbol.name() == "time" for symbol in ca.symvar(y)):
+        raise UnsupportedModelError(
+            f"{effect.name} changes with time: what it gives is no curve over one variable",
+            remedy="look at the error against time instead",
+        )
     function = ca.Function("law", [symbols[chosen], model.p], [y])
     return _Law(variables[chosen], not used, function, model.parameter_names, dae.parameter_values)
 
