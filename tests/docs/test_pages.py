@@ -18,8 +18,9 @@ PAGES = sorted(
 MADE = ("reference/commands.md", "reference/python.md", "reference/effects.md")
 _LINK = re.compile(r"(?<!`)!?\[[^\]]*\]\(([^)\s]+)\)")
 _FENCE = re.compile(
-    r"(?:<!-- file: (?P<file>\S+) -->\n|(?P<elsewhere><!-- run by \S+ -->)\n)?^```(?P<kind>\w*)\n(?P<text>.*?)^```$",
-    re.DOTALL | re.M,
+    r"(?:<!-- file: (?P<file>\S+) -->\n|(?P<elsewhere><!-- run by \S+ -->)\n)?"
+    r"^```(?P<kind>\w*)\n(?P<text>.*?)^```$",
+    re.DOTALL | re.MULTILINE,
 )
 RUN = ("tutorial", "how-to/own-model", "how-to/own-effect", "how-to/can-log", "how-to/notebook")
 NEEDS_DATA = ("tutorial", "how-to/notebook")
