@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
+from pathlib import Path
 
 import click
 import pytest
@@ -68,6 +70,24 @@ def test_a_shell_completes_commands_and_options() -> None:
     completion = ShellComplete(command, {}, "twinproof", "_TWINPROOF_COMPLETE")
     assert [c.value for c in completion.get_completions([], "id")] == ["identify"]
     assert "--holdout" in [c.value for c in completion.get_completions(["improve"], "--")]
+
+
+def test_bash_takes_the_script_and_completes_with_it(tmp_path: Path) -> None:
+    script = CliRunner().invoke(command, ["completion", "bash"])
+    assert script.exit_code == 0
+    (tmp_path / "twinproof").write_text(
+        f"#!/bin/sh\nexec '{sys.executable}' -c 'from twinproof.cli import main; main()'\n"
+    )
+    (tmp_path / "twinproof").chmod(0o755)
+    asked = "COMP_WORDS=(twinproof wo); COMP_CWORD=1; _twinproof_completion twinproof; "
+    done = subprocess.run(
+        ["bash", "-c", script.output + asked + 'echo "${COMPREPLY[@]}"'],
+        env={**os.environ, "PATH": f"{tmp_path}:{os.environ['PATH']}"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.stdout.split() == ["workbench"], done.stderr
 
 
 @pytest.mark.parametrize(

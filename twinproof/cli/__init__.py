@@ -57,6 +57,9 @@ _COMMANDS = {
         "Data-driven pole placement: model and gain u = F x + v from states and inputs in DATA.",
     ),
     "hil": _Home("hil", "Hardware in the loop: controllers against a plant over a CAN bus."),
+    "completion": _Home(
+        "completion", "Print the script that makes a SHELL complete commands and options."
+    ),
     "whatif": _Home("whatif", "Run STUDY.toml; exit status 1 if a run does not meet a criterion."),
     "twin": _Home(
         "twin", "Twins of running plants: drift, re-verification, and the gate before deployment."
@@ -123,7 +126,7 @@ def command() -> None:
 def main() -> None:
     """Run the command line; every outcome is an exit status, a user's mistake never a traceback."""
     try:
-        status = command.main(standalone_mode=False)
+        status = command.main(prog_name="twinproof", standalone_mode=False)
     except TwinproofError as error:
         click.echo(f"twinproof: {error}", err=True)
         sys.exit(error.exit_status)
