@@ -33,6 +33,7 @@ docs/how-to/can-log
 docs/how-to/notebook
 docs/how-to/cluster
 docs/hil
+docs/twin
 ```
 
 ```{toctree}
