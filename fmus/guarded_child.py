@@ -99,11 +99,16 @@ def _actions(plants: dict[int, Any]) -> Mapping[str, Callable[..., Any]]:
     from fmus.checking import check_directly  # noqa: PLC0415
     from fmus.plant import Plant, run_many  # noqa: PLC0415
     from fmus.running import Fmu, Simulation  # noqa: PLC0415
+    from fmus.variational import sensitivities_here  # noqa: PLC0415
 
     def simulate(path: str, sha256: str | None, settings: dict[str, Any]) -> Message:
         with Fmu(Path(path), sha256=sha256) as fmu:
             run = fmu.simulate(**settings)
         return {"time": run.time, "columns": dict(run.columns)}
+
+    def sensitivities(path: str, settings: dict[str, Any]) -> Message:
+        outputs, derivatives = sensitivities_here(Path(path), **settings)
+        return {"outputs": outputs, "derivatives": derivatives}
 
     def many(path: str, settings: dict[str, Any]) -> Message:
         time, values = run_many(Path(path), **settings)
@@ -154,6 +159,7 @@ def _actions(plants: dict[int, Any]) -> Mapping[str, Callable[..., Any]]:
 
     return {
         "simulate": simulate,
+        "sensitivities": sensitivities,
         "many": many,
         "check": check,
         "system": system,

@@ -1,9 +1,13 @@
-"""Windowed simulation of an FMU, with sensitivities by differences of whole runs."""
+"""Windowed simulation of an FMU, with sensitivities.
+
+By differences of whole runs; of an FMU for Model Exchange alone, by its directional derivatives.
+"""
 
 from __future__ import annotations
 
 import weakref
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -11,6 +15,7 @@ import numpy as np
 from fmus.black_box import BlackBox
 from fmus.guarded import open_plant
 from fmus.running import simulate, start_names
+from fmus.variational import has_sensitivities, sensitivities
 from foundation.errors import FmuError
 from identification.problem import Matrix, Vector
 from identification.shooting import Response
@@ -98,6 +103,8 @@ class FmuShooting:
         columns = self.nx + len(self.sensitive)
         if not sensitivities:
             return Response(outputs, np.zeros((0, ny, columns)), finite)
+        if self._has_derivatives and finite == n:
+            return Response(outputs, self._derivatives(x0, inputs, p, h, t0), finite)
         changes = np.zeros((n, ny, columns))
         for k in range(columns):
             moved_x0, moved_p = x0.copy(), p.copy()
@@ -111,13 +118,35 @@ class FmuShooting:
             changes[:, :, k] = (self._outputs(moved_x0, inputs, moved_p, h, t0) - outputs) / step
         return Response(outputs, np.where(np.isfinite(changes), changes, 0.0), finite)
 
-    def _outputs(self, x0: Vector, inputs: Matrix, p: Vector, h: float, t0: float) -> Matrix:
+    @cached_property
+    def _has_derivatives(self) -> bool:
+        # Of Co-Simulation, differences of runs are quicker: the FMU's own steps are compiled.
+        return "CoSimulation" not in self.model.kinds and has_sensitivities(self.model.fmu)
+
+    def _derivatives(self, x0: Vector, inputs: Matrix, p: Vector, h: float, t0: float) -> Matrix:
+        values = self._values(x0, p)
+        starts = list(self._starts.values())
+        _, found = sensitivities(
+            self.model.fmu,
+            time=t0 + h * np.arange(len(inputs), dtype=np.float64),
+            inputs=dict(zip(self.input_names, inputs.T, strict=True)),
+            values=values,
+            by={n: _STEP * (abs(values[n]) or 1.0) for n in (*starts, *self.sensitive)},
+            starts=starts,
+            outputs=self.output_names,
+        )
+        return found
+
+    def _values(self, x0: Vector, p: Vector) -> dict[str, float]:
         values = {
             name: value
             for name, value in zip(self.parameter_names, p.tolist(), strict=True)
             if name in self.sensitive or value != self.model.parameter_values[name]
         }
-        values |= dict(zip(self._starts.values(), x0.tolist(), strict=True))
+        return {**values, **dict(zip(self._starts.values(), x0.tolist(), strict=True))}
+
+    def _outputs(self, x0: Vector, inputs: Matrix, p: Vector, h: float, t0: float) -> Matrix:
+        values = self._values(x0, p)
         time = t0 + h * np.arange(len(inputs))
         signals = (time, dict(zip(self.input_names, inputs.T, strict=True)))
         try:
