@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -14,9 +14,9 @@ from fmus.frontend import with_values
 from fmus.package import cached_fmu
 from foundation.errors import ChannelError, DivergenceError, UnsupportedModelError
 from identification.fmu_shooting import FmuShooting
-from identification.gauss_newton import Fit, fit_together
+from identification.gauss_newton import ITERATIONS, Fit, fit_together
 from identification.linearisation import Part
-from identification.prediction import WINDOW, Prediction, predict
+from identification.prediction import WINDOW, Prediction, noise_estimate, predict
 from identification.priors import NO_PRIORS, Prior
 from identification.problem import Matrix, Problem, Vector
 from identification.shooting import Shooting
@@ -34,10 +34,12 @@ class Experiment:
     Attributes:
         problem: Model and record.
         shooting: The model, with sensitivities of the free parameters.
+        also: Further records of the same machine, which are fitted at once with this one.
     """
 
     problem: Problem
     shooting: Simulator
+    also: tuple[Experiment, ...] = ()
 
     @classmethod
     def of(cls, problem: Problem, *, through_fmi: bool = False) -> Experiment:
@@ -61,6 +63,53 @@ class Experiment:
             if not through_fmi:
                 raise
         return cls(problem, FmuShooting(black_box(_compiled(problem)), outputs, free))
+
+    @classmethod
+    def together(cls, problems: Sequence[Problem], *, through_fmi: bool = False) -> Experiment:
+        """Compile the model of several records of one machine, which are to be fitted at once.
+
+        Args:
+            problems: Of the same model; the first is what pictures and free simulations are of.
+            through_fmi: As in `of`.
+
+        Raises:
+            ChannelError: They have not the same channels.
+            UnsupportedModelError: See `of`.
+        """
+        first = cls.of(problems[0], through_fmi=through_fmi)
+        return replace(first, also=tuple(first.beside(other) for other in problems[1:]))
+
+    @property
+    def records(self) -> tuple[Experiment, ...]:
+        """Every record that is fitted, this one first."""
+        return (self, *self.also)
+
+    @property
+    def problems(self) -> tuple[Problem, ...]:
+        """Of every record."""
+        return tuple(e.problem for e in self.records)
+
+    def parts(self, seconds: float = WINDOW) -> list[Part]:
+        """Return every record, cut into windows to fit."""
+        return [Part(e.problem, e.shooting, e.cut(seconds)) for e in self.records]
+
+    def fit(
+        self,
+        x0: Matrix,
+        values: Mapping[str, float],
+        *,
+        free: Sequence[str] | None = None,
+        fixed_sd: Vector | None = None,
+        iterations: int = ITERATIONS,
+    ) -> Fit:
+        """Fit all records over windows of `WINDOW` seconds (see `gauss_newton.fit_together`)."""
+        return fit_together(
+            self.parts(), x0, values, free=free, fixed_sd=fixed_sd, iterations=iterations
+        )
+
+    def noise(self) -> Vector:
+        """Return (channels of all records,) standard deviations of the sensors' noise."""
+        return np.concatenate([noise_estimate(problem) for problem in self.problems])
 
     @cached_property
     def windows(self) -> tuple[Window, ...]:
@@ -88,7 +137,7 @@ class Experiment:
         Raises:
             DivergenceError: No stage stayed finite.
         """
-        return fit_stages([self], values, fixed_sd=fixed_sd, stages=stages)
+        return fit_stages(self.records, values, fixed_sd=fixed_sd, stages=stages)
 
     def predict(
         self,
@@ -98,7 +147,13 @@ class Experiment:
         sd: Vector | None = None,
         windows: Sequence[Window] | None = None,
     ) -> Prediction:
-        """Predict this record (see `identification.prediction.predict`)."""
+        """Predict this record (see `identification.prediction.predict`).
+
+        Args:
+            sd: (channels of all records,) as a fit has them: the first record's are used.
+        """
+        if sd is not None:
+            sd = sd[: len(self.problem.output_names)]
         return predict(self.problem, self.shooting, values, horizon, sd=sd, windows=windows)
 
     def on(self, problem: Problem) -> Experiment:
@@ -119,7 +174,9 @@ class Experiment:
             )
         if problem.measured_inputs == self.problem.measured_inputs:
             return self.on(problem)
-        return Experiment.of(problem, through_fmi=True)
+        if not isinstance(self.shooting, Shooting):
+            return Experiment.of(problem, through_fmi=True)
+        return Experiment(problem, self.shooting.with_measured(problem.measured_inputs))
 
 
 def fit_stages(

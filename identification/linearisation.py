@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from identification.priors import Prior, densities
+from identification.priors import NO_PRIORS, Prior, densities
 from identification.problem import Matrix, Problem, Vector
 from identification.simulator import Simulator
 from identification.windows import Window
@@ -148,12 +148,12 @@ def linearise(
         scores.extend(np.add.reduceat(contributions, edges, axis=0))
     return Linearised(
         cost,
-        np.sqrt(squares / samples),
+        np.sqrt(squares / max(samples, 1)),
         np.full(len(sd), samples),
         normal,
         raw,
         tuple(grams),
-        np.array(scores),
+        np.array(scores).reshape(len(scores), ns),
         tuple(residuals),
         np.zeros(ns),
         np.zeros(ns),
@@ -165,7 +165,7 @@ def linearise_all(
     x0: Matrix,
     values: Mapping[str, float],
     sd: Vector,
-    priors: Mapping[str, Prior],
+    priors: Mapping[str, Prior] = NO_PRIORS,
 ) -> Linearised:
     """Linearise several records and priors as one; x0 and sd run over all records."""
     names = parts[0].shooting.sensitive

@@ -11,6 +11,7 @@ from __future__ import annotations
 import ctypes
 import math
 from collections.abc import Collection, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -142,6 +143,14 @@ class Shooting:
     def rate_of(self) -> Mapping[str, str]:
         """State → the state that is its derivative, where the model says so."""
         return _rates(self.model)
+
+    def with_measured(self, measured_inputs: Collection[str]) -> Shooting:
+        """Return the same compiled model for a record in which other inputs were measured."""
+        other = copy(self)
+        names = [v.name for v in self.dae.inputs]
+        other.ramps = np.array([name in measured_inputs for name in names], dtype=np.int32)
+        other.__dict__.pop("_stairs", None)
+        return other
 
     def parameter_vector(self, values: Mapping[str, float]) -> Vector:
         """Return the (np,) vector of all independent parameters."""

@@ -62,7 +62,7 @@ def _curves(problem: Problem, comparison: Comparison) -> pd.DataFrame:
 
 @dataclass(frozen=True)
 class FittedRecord:
-    """One of the records of `identify`, and how the fitted model does on it.
+    """One of the records of `identify` or `diagnose`, and how the fitted model does on it.
 
     Attributes:
         origin: Where the record comes from.
@@ -127,12 +127,30 @@ class Identified:
 
 @dataclass(frozen=True)
 class Diagnosed:
-    """The outcome of `diagnose`."""
+    """The outcome of `diagnose`.
 
-    problem: Problem
+    Attributes:
+        diagnosis: What is missing.
+        records: Every record fitted, in the order given.
+    """
+
     diagnosis: Diagnosis
-    comparison: Comparison
-    horizon: float | None
+    records: tuple[FittedRecord, ...]
+
+    @property
+    def problem(self) -> Problem:
+        """Of the first record."""
+        return self.records[0].problem
+
+    @property
+    def comparison(self) -> Comparison:
+        """Of the first record."""
+        return self.records[0].comparison
+
+    @property
+    def horizon(self) -> float | None:
+        """Of the first record."""
+        return self.records[0].horizon
 
     def to_frame(self) -> pd.DataFrame:
         """Return the ranking: effect, place, evidence [nats], share explained, refitted."""
@@ -163,11 +181,19 @@ class Diagnosed:
 
 @dataclass(frozen=True)
 class Improved:
-    """The outcome of `improve`."""
+    """The outcome of `improve`.
+
+    Attributes:
+        problem: The first fitted record.
+        holdout: The unseen record.
+        improvement: The ladder.
+        also: Where the further fitted records come from.
+    """
 
     problem: Problem
     holdout: Problem | None
     improvement: Improvement
+    also: tuple[str, ...] = ()
 
     @property
     def model(self) -> Model:

@@ -150,9 +150,7 @@ def identify(
         >>> len(found.records), found.estimate.method
         (2, 'output-error')
     """
-    recordings = [recording] if isinstance(recording, Recording) else list(recording)
-    if not recordings:
-        raise InputError("there is no recording", where="DATA", remedy="give at least one")
+    recordings = _as_list(recording)
     known = {name: Prior(*numbers) for name, numbers in (priors or {}).items()}
     together = len(recordings) > 1 or bool(known)
     chosen = _for_output_error(method, known) if together else estimator(method)
@@ -202,6 +200,13 @@ def _for_output_error(method: str, priors: Mapping[str, Prior]) -> OutputError:
     return OutputError(priors=priors)
 
 
+def _as_list(recording: Recording | Sequence[Recording]) -> list[Recording]:
+    recordings = [recording] if isinstance(recording, Recording) else list(recording)
+    if not recordings:
+        raise InputError("there is no recording", where="DATA", remedy="give at least one")
+    return recordings
+
+
 def _refuse_copies(recordings: Sequence[Recording], problems: Sequence[Problem]) -> None:
     seen: set[str] = set()
     for recording, problem in zip(recordings, problems, strict=True):
@@ -218,7 +223,7 @@ def _refuse_copies(recordings: Sequence[Recording], problems: Sequence[Problem])
 
 def diagnose(
     model: Model,
-    recording: Recording,
+    recording: Recording | Sequence[Recording],
     *,
     parameters: Mapping[str, float] | None = None,
     free: Collection[str] | None = None,
@@ -228,26 +233,32 @@ def diagnose(
 
     Args:
         model: The model.
-        recording: From `read_recording`.
+        recording: From `read_recording`; several of one machine share the parameters.
         parameters: Starting values.
         free: What to fit.
         progress: Told what is being done.
 
     Raises:
         InputError: See `identify`.
+        ChannelError: Several records have not the same channels.
     """
-    problem = match(model.dae, recording, free=free, values=parameters)
-    experiment = Experiment.of(problem)
+    recordings = _as_list(recording)
+    problems = [match(model.dae, r, free=free, values=parameters) for r in recordings]
+    _refuse_copies(recordings, problems)
+    experiment = Experiment.together(problems)
     progress("fitting the model as it is")
     fit = experiment.fit_stages(best_start(experiment).values)[-1]
     found = discovery.diagnose(
         write_extension(model.source, []), experiment, fit, progress=progress
     )
-    length = horizon_of("auto", experiment)
-    prediction = experiment.predict(fit.values, length, sd=fit.sd)
-    return Diagnosed(
-        problem, found, comparison.compare(problem, experiment.shooting, prediction), length
-    )
+    records: list[FittedRecord] = []
+    ny = len(problems[0].output_names)
+    for k, (r, e) in enumerate(zip(recordings, experiment.records, strict=True)):
+        length = horizon_of("auto", e)
+        prediction = e.predict(fit.values, length, sd=fit.sd[k * ny :])
+        compared = comparison.compare(e.problem, e.shooting, prediction)
+        records.append(FittedRecord(r.origin, e.problem, compared, length))
+    return Diagnosed(found, tuple(records))
 
 
 def extend(model: Model, additions: Collection[str], *, name: str | None = None) -> ExtendedModel:
@@ -275,7 +286,7 @@ def extend(model: Model, additions: Collection[str], *, name: str | None = None)
 
 def improve(
     model: Model,
-    recording: Recording,
+    recording: Recording | Sequence[Recording],
     holdout: Recording | None = None,
     *,
     max_effects: int = 4,
@@ -288,7 +299,7 @@ def improve(
 
     Args:
         model: The model.
-        recording: To fit.
+        recording: To fit; several of one machine share the parameters.
         holdout: An unseen record of the same machine.
         max_effects: At most this many effects are added.
         parameters: Starting values.
@@ -303,13 +314,16 @@ def improve(
         raise InputError(
             f"{max_effects} effects cannot be added", where="--max-effects", remedy="give 0 or more"
         )
-    problem = match(model.dae, recording, free=free, values=parameters)
+    recordings = _as_list(recording)
+    problems = [match(model.dae, r, free=free, values=parameters) for r in recordings]
+    _refuse_copies(recordings, problems)
+    problem = problems[0]
     unseen: Problem | None = None
     if holdout is not None:
         unseen = match(model.dae, holdout, free=free, values=parameters)
-        if fingerprint(unseen) == fingerprint(problem):
+        if fingerprint(unseen) in map(fingerprint, problems):
             raise InputError(
-                "the hold-out is the fitted record itself",
+                "the hold-out is a fitted record itself",
                 where=holdout.origin,
                 remedy="give another record: an error on data that the fit has seen proves nothing",
             )
@@ -324,9 +338,9 @@ def improve(
     if horizon != "auto":
         length = horizon_of(horizon, Experiment.of(problem))
     found = ladder.improve(
-        model.source, problem, unseen, max_effects=max_effects, horizon=length, progress=progress
+        model.source, problems, unseen, max_effects=max_effects, horizon=length, progress=progress
     )
-    return Improved(problem, unseen, found)
+    return Improved(problem, unseen, found, tuple(r.origin for r in recordings[1:]))
 
 
 def fingerprint(problem: Problem) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from fmus.places import Place
@@ -14,7 +14,7 @@ from identification.discovery.effects import Effect
 from identification.discovery.empirical import Proposal
 from identification.discovery.extension import Addition
 from identification.estimate import Estimate
-from twinproof.answers import Compared, Diagnosed, Identified, Improved
+from twinproof.answers import Compared, Diagnosed, FittedRecord, Identified, Improved
 
 Document = dict[str, Any]
 
@@ -84,6 +84,17 @@ def estimate(value: Estimate) -> Document:
     }
 
 
+def fitted_record(record: FittedRecord) -> Document:
+    """Return how a fitted model does on one of the records."""
+    return {
+        "data": record.origin,
+        "samples": len(record.problem.time),
+        "channels": channels(record.comparison),
+        "nrmse": record.comparison.nrmse,
+        "horizon": horizon_word(record.horizon),
+    }
+
+
 def identified(result: Identified) -> Document:
     """Return the document of `identify`."""
     return document(
@@ -98,16 +109,7 @@ def identified(result: Identified) -> Document:
             "condition_number": result.estimate.condition_number,
             "channels": channels(result.comparison),
             "horizon": horizon_word(result.horizon),
-            "records": [
-                {
-                    "data": record.origin,
-                    "samples": len(record.problem.time),
-                    "channels": channels(record.comparison),
-                    "nrmse": record.comparison.nrmse,
-                    "horizon": horizon_word(record.horizon),
-                }
-                for record in result.records
-            ],
+            "records": [fitted_record(record) for record in result.records],
             "warnings": list(
                 dict.fromkeys(
                     [
@@ -174,9 +176,14 @@ def diagnosed(result: Diagnosed) -> Document:
             **diagnosis(result.diagnosis),
             "channels": channels(result.comparison),
             "horizon": horizon_word(result.horizon),
-            "notes": list(result.problem.notes),
+            "records": [fitted_record(record) for record in result.records],
+            "notes": _notes(result.records),
         },
     )
+
+
+def _notes(records: Sequence[FittedRecord]) -> list[str]:
+    return list(dict.fromkeys(note for record in records for note in record.problem.notes))
 
 
 def addition(value: Addition) -> Document:
@@ -231,10 +238,12 @@ def improved(result: Improved, files: Mapping[int, tuple[str, str]]) -> Document
                         for k, name in enumerate(step.fit.free)
                     },
                     "train": side(step.train),
+                    "also": [side(comparison) for comparison in step.also],
                     "holdout": side(step.holdout),
                 }
                 for step in found.steps
             ],
+            "also": list(result.also),
             "noise_floor": dict(found.noise_floor),
             "sensor_noise": dict(found.sensor_noise),
             "ties": [list(t) for step in found.steps for t in step.diagnosis.ties],

@@ -55,7 +55,7 @@ def write_improvement(
         result.holdout,
         folder / "report.html",
         command=command,
-        notes=result.problem.notes,
+        notes=[*result.problem.notes, *(f"Fitted at once with {one}." for one in result.also)],
     )
     return files
 

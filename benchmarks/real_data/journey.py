@@ -42,6 +42,7 @@ class Journey:
         source: Of the data, in a sentence.
         free: What is fitted of the model's own parameters; None: all.
         max_effects: At most this many are added.
+        also: Further stretches that are fitted at once.
     """
 
     name: str
@@ -56,6 +57,7 @@ class Journey:
     source: str
     free: Collection[str] | None = None
     max_effects: int = 4
+    also: tuple[Stretch, ...] = ()
 
     def load(self) -> twinproof.Model:
         """Return the model."""
@@ -70,10 +72,11 @@ class Journey:
     def walk(self) -> Walked:
         """Do it."""
         model, fitted, unseen = self.load(), self.record(self.fitted), self.record(self.unseen)
+        further = [self.record(stretch) for stretch in self.also]
         given = twinproof.compare(model, fitted).comparison
         began = time.perf_counter()
         found = twinproof.improve(
-            model, fitted, unseen, free=self.free, max_effects=self.max_effects
+            model, [fitted, *further], unseen, free=self.free, max_effects=self.max_effects
         ).improvement
         return Walked(self, given, found, time.perf_counter() - began)
 

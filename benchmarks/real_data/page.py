@@ -24,11 +24,12 @@ def write(walked: Walked, *, whole: bool = False, folder: Path = FOLDER) -> Path
     journey, found = walked.journey, walked.found
     page = Page(folder, journey.name)
     given = walked.given.channels[journey.output]
+    fitted = " and ".join(_words(stretch) for stretch in (journey.fitted, *journey.also))
     page.text(
         f"# {journey.title}",
         journey.source,
         f"`python -m benchmarks {journey.name}` measures it, `make pages` writes this page. "
-        f"Fitted: {_words(journey.fitted)}. Unseen: {_words(journey.unseen)}. Errors are those of "
+        f"Fitted: {fitted}. Unseen: {_words(journey.unseen)}. Errors are those of "
         f"`{journey.output}` in {_horizon(found.horizon)}, over the standard deviation of its "
         "measurement.",
         "## Ladder",

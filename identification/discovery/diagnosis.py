@@ -18,7 +18,6 @@ from identification.discovery.next_experiment import propose as propose_experime
 from identification.discovery.scan import Scored, scan
 from identification.experiment import Experiment
 from identification.gauss_newton import Fit
-from identification.prediction import noise_estimate
 from identification.problem import Vector
 
 SHORTLIST = 8
@@ -122,11 +121,12 @@ def diagnose(
     """
     found, refits = _by_output_error(model, experiment, fit, progress)
     noise_known = not np.any(np.isnan(experiment.problem.noise_sd))
-    if found.outcome is Outcome.UNKNOWN_SHAPE and noise_known:
+    # A disturbance that differs from record to record has not been looked for yet.
+    if found.outcome is Outcome.UNKNOWN_SHAPE and noise_known and not experiment.also:
         found = _with_disturbance(model, experiment, fit, found, progress)
     if found.outcome is Outcome.UNKNOWN_SHAPE:
         progress("looking for a curve without a name")
-        noise = noise_estimate(experiment.problem)
+        noise = experiment.noise()
         found = replace(found, proposal=propose(model, experiment, fit, noise, refits))
     return found
 
@@ -177,7 +177,7 @@ def _by_output_error(
     shortlist = _shortlist(scanned.scored)
     progress(f"refitting the best {len(shortlist)} of {len(scanned.scored)}")
     refits, failed = refit_all(model, experiment, fit, shortlist)
-    noise = noise_estimate(experiment.problem)
+    noise = experiment.noise()
     checks: dict[str, Verdict] = {}
     chosen: Refit | None = None
     # The best of n candidates gains this much by chance alone.
@@ -288,7 +288,9 @@ def _outcome(
         # A shape at the end of its range stands for something else.
         return Outcome.UNDETERMINED if equal or chosen.at_bound else Outcome.EFFECT
     # Below this the integration's own error and the recording's digits begin.
-    smallest = _NUMERICAL * np.std(experiment.problem.outputs, axis=0)
+    smallest = _NUMERICAL * np.concatenate(
+        [np.std(problem.outputs, axis=0) for problem in experiment.problems]
+    )
     if np.all(fit.at.rms <= _AT_FLOOR * np.fmax(noise, smallest)):
         return Outcome.COMPLETE
     return Outcome.UNKNOWN_SHAPE

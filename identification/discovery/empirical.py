@@ -19,11 +19,11 @@ from identification.discovery.effects import find_effects
 from identification.discovery.evidence import Refit, refit_all
 from identification.discovery.extension import Addition, ExtendedModel, addition_at, extend
 from identification.discovery.scan import score_group
-from identification.discovery.transfer import transfer_problem, transfer_states
+from identification.discovery.transfer import transfer_all_states, transfer_problems
 from identification.experiment import Experiment
 from identification.gauss_newton import Fit
 from identification.linearisation import simulate
-from identification.problem import Vector
+from identification.problem import Matrix, Vector
 from identification.shooting import Shooting
 
 _TRIED = 2
@@ -67,7 +67,7 @@ def propose(
         model: The present model.
         experiment: That model on the record.
         fit: Its fit.
-        noise: (ny,) standard deviation of the sensors' noise.
+        noise: (channels of all records,) standard deviation of the sensors' noise.
         refits: Of named effects, best first, to say which come nearest.
 
     Raises:
@@ -110,12 +110,18 @@ def _over_record(
 ) -> Addition:
     """Return an empirical effect whose curve spans what the record moves through."""
     bigger = extend(model.base, [*model.additions, addition], values=model.values)
-    problem = transfer_problem(experiment.problem, bigger, fit.values, model)
+    problems = transfer_problems(experiment, bigger, fit.values, model)
+    problem = problems[0]
     watched = bigger.parameter_of(addition, variable_of(addition.effect, model.base).name)
     shooting = Shooting.of(problem, (), watched=(watched,), briefly=True)
-    windows = experiment.windows
-    x0 = transfer_states(problem, shooting, bigger, windows, experiment, model, fit.x0)
-    tracks = simulate(problem, shooting, windows, x0, problem.values)
+    larger = Experiment(problem, shooting)
+    larger = replace(larger, also=tuple(larger.on(other) for other in problems[1:]))
+    x0 = transfer_all_states(larger, bigger, experiment, model, fit.x0)
+    tracks: list[Matrix] = []
+    for part in larger.parts():
+        count = len(part.windows)
+        tracks += simulate(part.problem, shooting, part.windows, x0[:count], problem.values)
+        x0 = x0[count:]
     low, high = np.nanquantile(np.concatenate(tracks), [0.001, 0.999])
     span = max(float(high - low), 1e-9)
     values = {"lowest": float(low) - 0.01 * span, "highest": float(high) + 0.01 * span}

@@ -12,9 +12,9 @@ import numpy as np
 from foundation.errors import DivergenceError, TwinproofError
 from identification.discovery.extension import Addition, ExtendedModel, extend
 from identification.discovery.scan import Scored
-from identification.discovery.transfer import transfer_problem, transfer_states
+from identification.discovery.transfer import transfer_all_states, transfer_problems
 from identification.experiment import Experiment
-from identification.gauss_newton import ITERATIONS, Fit, fit
+from identification.gauss_newton import ITERATIONS, Fit
 from identification.problem import Matrix, Vector
 
 _WORKERS = 2
@@ -46,8 +46,8 @@ class Refit:
         merit: What candidates are ranked by: the evidence less half the logarithm of the number of
             independent samples for each fitted parameter (Bayesian information criterion).
         at_bound: Shape parameters that ended at a bound of their declared range.
-        gain: (ny,) logarithm of the fall of each channel's error.
-        independent: (ny,) independent samples in what it leaves over.
+        gain: (channels of all records,) logarithm of the fall of each channel's error.
+        independent: (channels of all records,) independent samples in what it leaves over.
     """
 
     addition: Addition
@@ -95,11 +95,12 @@ def _by_one_measure(refits: Sequence[Refit]) -> list[Refit]:
 
 def _measured(refit: Refit, independent: Vector) -> Refit:
     evidence = float(np.sum(independent * refit.gain))
-    samples = float(np.max(independent))
+    ny = len(refit.experiment.problem.output_names)
+    samples = float(np.max(np.sum(independent.reshape(-1, ny), axis=0)))
     price = 0.5 * len(refit.addition.values) * np.log(samples)
     # A state of its own is free at the start of every window, but for a sensor's, which follows: as
     # many numbers more, each with the samples of its window.
-    windows = len(refit.experiment.windows)
+    windows = len(refit.fit.x0)
     states = 0 if refit.addition.place.kind == "output" else refit.addition.effect.states
     price += 0.5 * states * windows * np.log(max(samples / windows, 1.0))
     merit = float(evidence - price) * (_UNFOUND_SHAPE if refit.at_bound else 1.0)
@@ -129,8 +130,9 @@ def refit(model: ExtendedModel, experiment: Experiment, base: Fit, scored: Score
         bigger.parameter_of(addition, p): value
         for p, value in zip(addition.effect.main_parameters, scored.values.values(), strict=True)
     }
-    problem = transfer_problem(experiment.problem, bigger, base.values, model, added=predicted)
-    larger = Experiment.of(problem)
+    larger = Experiment.together(
+        transfer_problems(experiment, bigger, base.values, model, added=predicted)
+    )
     starts = [predicted]
     nominal = {
         bigger.parameter_of(addition, v.name): bigger.dae.number(v.nominal, 1.0)
@@ -139,9 +141,7 @@ def refit(model: ExtendedModel, experiment: Experiment, base: Fit, scored: Score
     }
     if all(value == 0.0 for value in predicted.values()):
         starts = [{k: share * v for k, v in nominal.items()} for share in _STARTS]
-    x0 = transfer_states(
-        problem, larger.shooting, bigger, experiment.windows, experiment, model, base.x0
-    )
+    x0 = transfer_all_states(larger, bigger, experiment, model, base.x0)
     start = starts[0]
     if len(starts) > 1:
         tried = [_fit_from(larger, x0, s, iterations=_FIRST_STEPS) for s in starts]
@@ -166,7 +166,7 @@ def refit(model: ExtendedModel, experiment: Experiment, base: Fit, scored: Score
     if not np.isfinite(best.at.cost):
         raise DivergenceError(f"{bigger.name} leaves the finite numbers from every start")
     gain, explains = log_gain(base, best)
-    independent = independent_samples(best.at.residuals)
+    independent = independent_of_all(larger, best)
     found = Refit(
         addition=replace(addition, values={**addition.values, **fitted}),
         model=bigger,
@@ -192,9 +192,7 @@ def _at_bound(model: ExtendedModel, addition: Addition, parameter: str, value: f
 def _fit_from(
     larger: Experiment, x0: Matrix, start: dict[str, float], *, iterations: int = ITERATIONS
 ) -> Fit:
-    values = {**larger.problem.values, **start}
-    problem, windows = larger.problem, larger.windows
-    return fit(problem, larger.shooting, windows, x0, values, iterations=iterations)
+    return larger.fit(x0, {**larger.problem.values, **start}, iterations=iterations)
 
 
 def _by_stages(larger: Experiment, start: dict[str, float]) -> Fit:
@@ -215,6 +213,17 @@ def log_gain(base: Fit, better: Fit) -> tuple[Vector, float]:
     # Weighted as in the base fit, where every channel's misfit has unit size.
     removed = 1.0 - float(np.mean(np.exp(2 * (after - before))))
     return before - after, removed
+
+
+def independent_of_all(experiment: Experiment, fit: Fit) -> Vector:
+    """Return (channels of all records,) how many independent samples a fit's residuals are."""
+    found: list[Vector] = []
+    first = 0
+    for record in experiment.records:
+        count = len(record.windows)
+        found.append(independent_samples(fit.at.residuals[first : first + count]))
+        first += count
+    return np.concatenate(found)
 
 
 def independent_samples(residuals: Sequence[Matrix]) -> Vector:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from fmus.sources import ModelicaSource
+from foundation.errors import DivergenceError
 from identification.comparison import Comparison, compare
 from identification.discovery.crossvalidation import Verdict
 from identification.discovery.diagnosis import Diagnosis, Outcome, diagnose
@@ -34,7 +36,8 @@ class Step:
         added: What this step added; None at step 0.
         verdict: The cross-validation that let it in.
         fit: Parameters with covariance.
-        train: Prediction of the fitted record.
+        train: Prediction of the fitted record, the first of several.
+        also: Predictions of the further fitted records.
         holdout: Prediction of the unseen record; None if there is none.
         diagnosis: What this model still lacks.
         contradicted: The unseen record got worse by this step, over one-second windows.
@@ -52,6 +55,7 @@ class Step:
     diagnosis: Diagnosis
     contradicted: bool = False
     removed: tuple[Addition, ...] = ()
+    also: tuple[Comparison, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -92,7 +96,7 @@ class _Rung:
 
 def improve(
     source: ModelicaSource,
-    problem: Problem,
+    problem: Problem | Sequence[Problem],
     holdout: Problem | None = None,
     *,
     max_effects: int = 4,
@@ -105,7 +109,7 @@ def improve(
 
     Args:
         source: The user's model.
-        problem: The record to fit.
+        problem: The record to fit, or several of the same machine.
         holdout: An unseen record of the same machine.
         max_effects: At most this many effects.
         horizon: `auto`, None for the free simulation, or a window length [s].
@@ -114,9 +118,12 @@ def improve(
     Raises:
         UnsupportedModelError: The model cannot be simulated with sensitivities.
         DivergenceError: The model cannot be fitted from any start.
+        ChannelError: Several records have not the same channels.
     """
     model = extend(source, [])
-    experiment = Experiment.of(problem)
+    problems = [problem] if isinstance(problem, Problem) else list(problem)
+    problem = problems[0]
+    experiment = Experiment.together(problems)
     progress(f"fitting {source.short_name}")
     fit = experiment.fit_stages(best_start(experiment).values)[-1]
     rungs: list[_Rung] = []
@@ -135,17 +142,16 @@ def improve(
         progress(f"adding {chosen.addition.label}")
         added, verdict = chosen.addition, diagnosis.checks[chosen.addition.label]
         progress("testing again what was added before")
-        slim = without_superfluous(
-            chosen.model, chosen.experiment, chosen.fit, noise_estimate(problem)
-        )
+        slim = without_superfluous(chosen.model, chosen.experiment, chosen.fit, experiment.noise())
         model, experiment, fit, removed = slim.model, slim.experiment, slim.fit, slim.removed
         tried += 1
     progress("scoring all steps, the unseen record for the first time")
     last = rungs[-1]
     if horizon == "auto":
-        chosen_horizon = choose_horizon(
-            last.experiment.problem, last.experiment.shooting, last.fit.values
-        )
+        lengths = [
+            choose_horizon(e.problem, e.shooting, last.fit.values) for e in last.experiment.records
+        ]
+        chosen_horizon = next((length for length in lengths if length is not None), None)
     else:
         assert not isinstance(horizon, str)
         chosen_horizon = horizon
@@ -162,7 +168,7 @@ def _score(
     user = rungs[0].model
     before: Prediction | None = None
     for number, rung in enumerate(rungs):
-        fit, train = _best_stage(rung, horizon)
+        fit, train = _best_stage(rung, horizon, whole=rung is rungs[-1])
         model = fitted_model(rung, fit, train.x0[0], number)
         unseen: Comparison | None = None
         contradicted = False
@@ -200,25 +206,59 @@ def _score(
                 rung.diagnosis,
                 contradicted,
                 rung.removed,
+                tuple(_further(rung, fit, horizon)),
             )
         )
     return tuple(steps)
 
 
-def _best_stage(rung: _Rung, horizon: float | None) -> tuple[Fit, Prediction]:
-    """Return the fit whose parameters predict the fitted record best at the horizon.
+def _further(rung: _Rung, fit: Fit, horizon: float | None) -> Iterator[Comparison]:
+    """Compare with the further fitted records."""
+    predictions = _predictions(rung.experiment, fit, horizon)
+    for record, found in zip(rung.experiment.records, predictions, strict=True):
+        if record is not rung.experiment:
+            yield compare(record.problem, record.shooting, found, user_name=rung.model.user_name)
 
-    A free simulation is not fitted directly: without its missing friction it has minima with a
-    friction of zero (EMPS). Fits over windows of growing length are, and the best one is kept.
+
+def _best_stage(rung: _Rung, horizon: float | None, *, whole: bool) -> tuple[Fit, Prediction]:
+    """Return the fit that predicts the fitted records best at the horizon, and the first of them.
+
+    Windows of growing length are fitted, and the best fit is kept. The free simulation itself is
+    only fitted with all that was found in the model: one that lacks its friction has minima with a
+    friction of zero (EMPS). Then whole records are weighted by their channels' deviations, as they
+    are scored: by their misfits, one record would be followed to the last digit, another given up.
+
+    Args:
+        rung: A step.
+        horizon: At which to judge.
+        whole: Also fit the free simulation, if that is the horizon.
     """
-    fits = [rung.fit]
+    experiment, fits = rung.experiment, [rung.fit]
     if horizon is None:
-        fits += rung.experiment.fit_stages(rung.fit.values)
-    predictions = [rung.experiment.predict(f.values, horizon, sd=f.sd) for f in fits]
+        fits += experiment.fit_stages(rung.fit.values)
+    if horizon is None and whole:
+        spread = np.concatenate([np.std(p.outputs, axis=0) for p in experiment.problems])
+        longest = max(float(p.time[-1]) for p in experiment.problems)
+        with suppress(DivergenceError):
+            free = experiment.fit_stages(
+                fits[-1].values, fixed_sd=spread, stages=(2 * longest / WINDOW,)
+            )[-1]
+            # How sure the values are is what windows say: residuals of one long simulation
+            # correlate all along, and nothing tells how far they scatter.
+            last = fits[-1]
+            fits.append(replace(free, sd=last.sd, covariance=last.covariance, held=last.held))
+    predictions = [list(_predictions(rung.experiment, f, horizon)) for f in fits]
     # A diverged prediction has NaN and never wins.
-    errors = [np.nan_to_num(p.total_nrmse, nan=np.inf) for p in predictions]
-    best = int(np.argmin(errors))
-    return fits[best], predictions[best]
+    errors = [np.linalg.norm([p.total_nrmse for p in every]) for every in predictions]
+    best = int(np.argmin(np.nan_to_num(errors, nan=np.inf)))
+    return fits[best], predictions[best][0]
+
+
+def _predictions(experiment: Experiment, fit: Fit, horizon: float | None) -> Iterator[Prediction]:
+    """Predict every fitted record."""
+    ny = len(experiment.problem.output_names)
+    for k, record in enumerate(experiment.records):
+        yield record.predict(fit.values, horizon, sd=fit.sd[k * ny :])
 
 
 def fitted_model(rung: _Rung, fit: Fit, x0: Vector, number: int) -> ExtendedModel:

@@ -191,7 +191,7 @@ def _left_over(
         windows,
         started.x0,
         rival.fit.values,
-        fixed_sd=rival.fit.sd,
+        fixed_sd=rival.fit.sd[: len(problem.output_names)],
         iterations=_ITERATIONS,
     )
     return 0.5 * found.at.cost if np.isfinite(found.at.cost) else None

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -19,10 +19,10 @@ from fmus.sources import ModelicaSource
 from foundation.errors import UnsupportedModelError
 from identification.discovery.effects import Effect, find_effects
 from identification.discovery.extension import Addition, ExtendedModel, addition_at, extend
-from identification.discovery.transfer import flat_name, transfer_problem, transfer_states
+from identification.discovery.transfer import flat_name, transfer_all_states, transfer_problems
 from identification.experiment import Experiment
 from identification.gauss_newton import Fit
-from identification.linearisation import Linearised, linearise
+from identification.linearisation import Linearised, linearise_all
 from identification.problem import Problem, Vector
 from identification.shooting import Shooting
 
@@ -131,7 +131,6 @@ def score_group(
     model: ExtendedModel, experiment: Experiment, fit: Fit, group: Sequence[Addition]
 ) -> list[Scored]:
     """Attach a group of candidates, absent, and score each."""
-    problem = experiment.problem
     whole = extend(
         model.base,
         [*model.additions, *group],
@@ -141,11 +140,12 @@ def score_group(
     mains = [(a, [whole.parameter_of(a, p) for p in a.effect.main_parameters]) for a in group]
     base_names = {flat_name(whole, model, name): name for name in fit.free if name not in fit.held}
     sensitive = [*base_names, *(name for _, names in mains for name in names)]
-    whole_problem = transfer_problem(problem, whole, fit.values, model)
-    shooting = Shooting.of(whole_problem, sensitive, briefly=True)
-    windows = experiment.windows
-    x0 = transfer_states(whole_problem, shooting, whole, windows, experiment, model, fit.x0)
-    at = linearise(whole_problem, shooting, windows, x0, whole_problem.values, fit.sd)
+    problems = transfer_problems(experiment, whole, fit.values, model)
+    whole_problem = problems[0]
+    attached = Experiment(whole_problem, Shooting.of(whole_problem, sensitive, briefly=True))
+    attached = replace(attached, also=tuple(attached.beside(p) for p in problems[1:]))
+    x0 = transfer_all_states(attached, whole, experiment, model, fit.x0)
+    at = linearise_all(attached.parts(), x0, whole_problem.values, fit.sd)
     return [
         _score(whole_problem, at, len(base_names), sensitive, addition, names)
         for addition, names in mains

@@ -86,7 +86,7 @@ def missing_force(
         model: A model that has the effect.
         experiment: That model on a record.
         values: Its parameters, all of which stay but for the effect's own.
-        sd: (ny,) weights of the channels.
+        sd: (channels of all records,) weights; the first record's are used.
         addition: The effect in question, with its fitted values.
         window: Length of the windows [s]; by default the shortest that tells the force from noise.
 
@@ -204,7 +204,7 @@ class _Probe:
             problem = problem.with_values({parameter: 0.0})
         shooting = Shooting.of(problem, (parameter,))
         gain = float(characteristic(effect, {main: 1.0}, -1.0, 1.0).y[0])
-        return cls(problem, shooting, parameter, held, gain, sd)
+        return cls(problem, shooting, parameter, held, gain, sd[: len(problem.output_names)])
 
     def constants(self, length: float) -> _Constants:
         """Return the constant that explains each window best, where the window shows it."""

@@ -11,11 +11,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from identification.discovery.crossvalidation import crossvalidate
-from identification.discovery.evidence import CHANCE_GAIN, independent_samples, log_gain
+from identification.discovery.evidence import CHANCE_GAIN, independent_of_all, log_gain
 from identification.discovery.extension import Addition, ExtendedModel, extend
-from identification.discovery.transfer import transfer_problem, transfer_states
+from identification.discovery.transfer import transfer_all_states, transfer_problems
 from identification.experiment import Experiment
-from identification.gauss_newton import Fit, fit
+from identification.gauss_newton import Fit
 from identification.problem import Vector
 
 
@@ -44,7 +44,7 @@ def without_superfluous(
 
     Args:
         model, experiment, present: With all effects.
-        noise: (ny,) standard deviation of the sensors' noise.
+        noise: (channels of all records,) standard deviation of the sensors' noise.
     """
     found = Slimmer(model, experiment, present)
     for addition in model.additions[:-1]:
@@ -58,14 +58,13 @@ def _without(whole: Slimmer, addition: Addition) -> Slimmer:
     old, experiment = whole.model, whole.experiment
     rest = [a for a in old.additions if a.label != addition.label]
     model = extend(old.base, rest, values=old.values)
-    problem = transfer_problem(experiment.problem, model, whole.fit.values, old)
-    smaller, windows = Experiment.of(problem), experiment.windows
-    x0 = transfer_states(problem, smaller.shooting, model, windows, experiment, old, whole.fit.x0)
-    return Slimmer(model, smaller, fit(problem, smaller.shooting, windows, x0, problem.values))
+    smaller = Experiment.together(transfer_problems(experiment, model, whole.fit.values, old))
+    x0 = transfer_all_states(smaller, model, experiment, old, whole.fit.x0)
+    return Slimmer(model, smaller, smaller.fit(x0, smaller.problem.values))
 
 
 def _is_as_good(smaller: Slimmer, larger: Slimmer, noise: Vector) -> bool:
-    independent = independent_samples(larger.fit.at.residuals)
+    independent = independent_of_all(larger.experiment, larger.fit)
     evidence = float(np.sum(independent * log_gain(smaller.fit, larger.fit)[0]))
     if evidence < CHANCE_GAIN:
         return True

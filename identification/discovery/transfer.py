@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from fmus.dae import Role
 from identification.discovery.extension import ExtendedModel
 from identification.experiment import Experiment
@@ -55,6 +57,46 @@ def transfer_problem(
     sensors = tuple(f"{a.instance}." for a in model.additions if a.place.kind == "output")
     following = tuple(v.name for v in dae.states if sensors and v.name.startswith(sensors))
     return replace(problem, dae=dae, free=free, values=independent, following=following)
+
+
+def transfer_problems(
+    experiment: Experiment,
+    model: ExtendedModel,
+    values: Mapping[str, float],
+    previous: ExtendedModel,
+    *,
+    added: Mapping[str, float] | None = None,
+) -> list[Problem]:
+    """Return all records of an experiment for another extension (see `transfer_problem`)."""
+    return [
+        transfer_problem(problem, model, values, previous, added=added)
+        for problem in experiment.problems
+    ]
+
+
+def transfer_all_states(
+    larger: Experiment,
+    model: ExtendedModel,
+    experiment: Experiment,
+    previous: ExtendedModel,
+    x0: Matrix,
+) -> Matrix:
+    """Return (windows of all records, nx) initial states (see `transfer_states`).
+
+    Args:
+        larger, model: The other extension on the same records.
+        experiment, previous: The previous model.
+        x0: (windows of all records, nx) its initial states.
+    """
+    counts = np.cumsum([len(one.windows) for one in experiment.records])[:-1]
+    return np.concatenate(
+        [
+            transfer_states(new.problem, new.shooting, model, old.windows, old, previous, own)
+            for new, old, own in zip(
+                larger.records, experiment.records, np.split(x0, counts), strict=True
+            )
+        ]
+    )
 
 
 def transfer_states(

@@ -110,3 +110,41 @@ def test_mistakes_are_answered_in_one_line(run, records, words, said):
     assert out == ""
     assert any(part in err for part in said.split("|")), err
     assert len(err.strip().splitlines()) == 1
+
+
+def test_diagnose_and_improve_take_several_records(run, records, tmp_path):
+    first, second, third = records
+    command = ("diagnose", MODEL, first, "--also", second, "--json", "-")
+    status, out, _ = run(*command)
+    assert status == 0
+    found = json.loads(out)
+    assert found["verdict"] == "complete"
+    assert [r["samples"] for r in found["records"]] == [800, 800]
+    assert found["channels"] == found["records"][0]["channels"]
+    # Gravity's share of the damping is all that a model without damping lacks.
+    held = ("--free", "J,mgl", "--param", "d=0", "--max-effects", 1, "-o", tmp_path)
+    command = ("improve", MODEL, first, "--also", second, "--holdout", third, *held, "--json", "-")
+    status, out, _ = run(*command)
+    assert status == 0
+    found = json.loads(out)
+    assert [a["effect"] for a in found["added"]] == ["ViscousFriction"]
+    assert second.name in found["also"][0]
+    errors = [step["also"][0]["channels"]["theta"]["rmse"] for step in found["ladder"]]
+    assert errors[1] == pytest.approx(1e-3, rel=0.2)
+    assert errors[0] > 10 * errors[1]
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert second.name in page.replace("\u200b", "")
+
+
+@pytest.mark.parametrize(
+    "extra", [["--also", "FIRST"], ["--also", "SECOND", "--holdout", "SECOND"]]
+)
+def test_a_record_is_fitted_once_and_not_judged_by(run, records, tmp_path, extra):
+    files = {"FIRST": records[0], "SECOND": records[1]}
+    words = [files.get(w, w) for w in extra]
+    holdout = [] if "--holdout" in extra else ["--holdout", records[2]]
+    status, out, err = run("improve", MODEL, records[0], *words, *holdout, "-o", tmp_path / "no")
+    assert status == 2
+    assert out == ""
+    assert "given twice" in err or "hold-out" in err
+    assert not (tmp_path / "no").exists()

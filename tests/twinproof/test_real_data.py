@@ -39,11 +39,15 @@ def test_silverbox_is_a_hardening_spring_driven_by_a_measured_voltage():
     assert unseen < 0.02
 
 
-def test_the_pendulum_lacks_dry_friction(tmp_path):
-    walked = replace(dfki.JOURNEY, max_effects=1).walk()
-    assert [a.label for a in walked.found.added] == ["CoulombFriction@joint"]
-    before = walked.found.steps[0].holdout.channels["theta"].nrmse
-    assert end(walked)[1] < 0.3 * before
+def test_the_pendulum_lacks_dry_friction_and_has_an_offset(tmp_path):
+    walked = dfki.JOURNEY.walk()
+    first, second = walked.found.steps[1:3]
+    assert first.added.label == "CoulombFriction@joint"
+    # One and the same in a swing that rarely turns round: this record does not tell them apart.
+    (tie,) = first.diagnosis.ties
+    assert second.added.label in tie
+    assert "ConstantTorque@joint" in tie
+    assert end(walked)[1] <= 0.012
     page = write(walked, folder=tmp_path)
     assert "CoulombFriction@joint" in page.read_text()
     assert (tmp_path / "dfki" / "errors.svg").stat().st_size < 100_000

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import click
@@ -16,6 +17,7 @@ from twinproof.cli import tables
 from twinproof.cli.options import (
     Output,
     Request,
+    also_option,
     command_line,
     horizon_option,
     journey,
@@ -71,12 +73,7 @@ def compare(request: Request, horizon: str, report_dir: Path | None) -> None:
     metavar="M",
     help="One of: " + ", ".join(ESTIMATORS) + ".",
 )
-@click.option(
-    "--also",
-    multiple=True,
-    metavar="DATA2",
-    help="A further record of the same machine, fitted at once (output error); may be repeated.",
-)
+@also_option
 @click.option(
     "--prior",
     "priors",
@@ -126,19 +123,16 @@ def identify(
             result.problem,
             report_dir / "report.html",
             command=command_line(),
-            notes=[
-                f"Fitted at once with {record.origin}. "
-                + error_sentence(record.problem, record.comparison)
-                for record in result.records[1:]
-            ],
+            notes=_together_notes(result.records),
         )
     output.document(documents.identified(result))
 
 
 @click.command()
 @journey
+@also_option
 @report_option
-def diagnose(request: Request, report_dir: Path | None) -> None:
+def diagnose(request: Request, also: tuple[str, ...], report_dir: Path | None) -> None:
     """Fit MODEL to DATA and find which physical effect it lacks.
 
     \b
@@ -149,7 +143,7 @@ def diagnose(request: Request, report_dir: Path | None) -> None:
     with output.progress() as progress:
         result = api.diagnose(
             request.model,
-            request.recording,
+            [request.recording, *map(request.read, also)],
             parameters=request.parameters,
             free=request.free,
             progress=progress,
@@ -169,6 +163,7 @@ def diagnose(request: Request, report_dir: Path | None) -> None:
             result.problem,
             report_dir / "report.html",
             command=command_line(),
+            notes=_together_notes(result.records),
         )
     output.document(documents.diagnosed(result))
 
@@ -221,8 +216,17 @@ def extend(
     )
 
 
+def _together_notes(records: Sequence[api.FittedRecord]) -> list[str]:
+    """Return what a report says of the further records."""
+    return [
+        f"Fitted at once with {record.origin}. " + error_sentence(record.problem, record.comparison)
+        for record in records[1:]
+    ]
+
+
 @click.command()
 @journey
+@also_option
 @click.option(
     "--holdout",
     required=True,
@@ -247,7 +251,12 @@ def extend(
 )
 @horizon_option
 def improve(
-    request: Request, holdout: str, output_dir: Path, max_effects: int, horizon: str
+    request: Request,
+    also: tuple[str, ...],
+    holdout: str,
+    output_dir: Path,
+    max_effects: int,
+    horizon: str,
 ) -> None:
     """Compare, diagnose, add, refit, step by step; score on unseen data once at the end.
 
@@ -256,7 +265,13 @@ def improve(
       twinproof improve Twinproof.Plants.Positioner emps --holdout emps-pulses -o out
     """
     run_improvement(
-        request, request.read(holdout), output_dir, command_line(), max_effects, horizon
+        request,
+        request.read(holdout),
+        output_dir,
+        command_line(),
+        max_effects,
+        horizon,
+        also=[request.read(word) for word in also],
     )
 
 
@@ -280,13 +295,14 @@ def run_improvement(
     command: str,
     max_effects: int = 4,
     horizon: str = "auto",
+    also: Sequence[Recording] = (),
 ) -> None:
     """Improve a model, write the folder, print the ladder, the verdict and where the report is."""
     output = request.output
     with output.progress() as progress:
         result = api.improve(
             request.model,
-            request.recording,
+            [request.recording, *also],
             unseen,
             max_effects=max_effects,
             parameters=request.parameters,

@@ -57,6 +57,12 @@ horizon_option = click.option(
     metavar="auto|free|S",
     help="Free simulation, or windows of S seconds; auto: free where it stays bounded, else 1 s.",
 )
+also_option = click.option(
+    "--also",
+    multiple=True,
+    metavar="DATA2",
+    help="A further record of the same machine, fitted at once; may be repeated.",
+)
 free_option = click.option(
     "--free", metavar="P,…", help="Parameters to fit; by default all that are not declared known."
 )
