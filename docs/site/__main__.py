@@ -98,8 +98,18 @@ def gather(source: Path) -> None:
     write_catalogue(reference)
     (reference / "python.md").write_text(PYTHON % "\n\n".join(map(_documented, _names())))
     (reference / "commands.md").write_text(COMMANDS)
-    (source / "index.md").write_text(INDEX)
+    (source / "index.md").write_text(INDEX + _others(source))
     shutil.copy(ROOT / "docs" / "site" / "conf.py", source / "conf.py")
+
+
+def _others(source: Path) -> str:
+    """Return a list of the pages that the index does not name, so that none is lost."""
+    words = set(INDEX.split())
+    pages = [p.relative_to(source).with_suffix("").as_posix() for p in source.rglob("*.md")]
+    left = [
+        p for p in sorted(pages) if p not in words and f"{Path(p).parent.as_posix()}/*" not in words
+    ]
+    return "\n".join(["", "```{toctree}", ":caption: More", *left, "```", ""]) if left else ""
 
 
 def _names() -> list[str]:

@@ -8,10 +8,13 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+import numpy as np
 import pytest
 from playwright.sync_api import Page, expect
 
 from tests.twinproof.workbench.conftest import Running
+from twinproof.workbench import curves
+from twinproof.workbench.project import Project
 
 PICTURES = Path(__file__).parents[3] / "docs" / "pictures"
 EMPS = "Twinproof.Plants.Positioner"
@@ -123,7 +126,7 @@ def test_the_whole_journey_on_measured_data(page: Page, workbench: Running) -> N
     assert (workbench.folder / "models" / "Positioner_2.mo").exists()
 
 
-def test_the_demo_with_six_panels_and_a_cancelled_diagnosis(page: Page) -> None:
+def test_the_demo_and_a_cancelled_diagnosis(page: Page) -> None:
     page.locator("#demo").click()
     expect(page.locator("#channels tbody tr")).to_have_count(5)
     paint = page.evaluate("performance.getEntriesByName('first-contentful-paint')[0].startTime")
@@ -136,9 +139,7 @@ def test_the_demo_with_six_panels_and_a_cancelled_diagnosis(page: Page) -> None:
     tab(page, "compare")
     work(page, '[data-task="compare"]')
     expect(page.locator("#panels canvas")).to_have_count(6)
-    fps = frames_while_panning(page)
-    print(f"first paint {paint:.0f} ms, panning {fps:.0f} frames/s")
-    assert fps > 20.0  # 50 on two cores without a graphics card; room for a busy machine
+    print(f"first paint {paint:.0f} ms")
 
     tab(page, "diagnose")
     page.locator('[data-task="diagnose"]').click()
@@ -156,6 +157,28 @@ def test_the_demo_with_six_panels_and_a_cancelled_diagnosis(page: Page) -> None:
     work(page, "#propose")
     expect(page.locator("#error-add")).to_be_empty()
     expect(page.locator('[data-piece="change"]')).to_contain_text("coulombFriction_wheel.tau_c")
+
+
+def test_25_s_of_six_channels_at_1_khz_pan_smoothly(page: Page, workbench: Running) -> None:
+    project = Project(workbench.folder)
+    project.choose({"model": EMPS, "recording": "emps"})
+    time = np.arange(25_000) / 1000
+    rng = np.random.default_rng(0)
+    drawn: dict[str, np.ndarray] = {}
+    for k in range(6):
+        simulated = np.sin((k + 1) * time)
+        drawn[f"y{k} measured"] = simulated + 0.05 * rng.standard_normal(len(time))
+        drawn[f"y{k} simulated"] = simulated
+        drawn[f"y{k} error"] = drawn[f"y{k} measured"] - simulated
+    channels = [{"name": f"y{k}", "unit": "rad"} for k in range(6)]
+    curves.save(project.cache / "compare", time, drawn, {"channels": channels, "spans": []})
+    project.write_result("compare", {"nrmse": 0.05}, "<p>drawn</p>")
+    tab(page, "compare")
+    page.reload()
+    expect(page.locator("#panels canvas")).to_have_count(12)
+    fps = frames_while_panning(page)
+    print(f"panning {fps:.0f} frames/s")
+    assert fps > 20.0  # more on an idle machine, see docs/design.md; room for a busy one
 
 
 def test_mistakes_are_told_beside_their_fields(page: Page, tmp_path: Path) -> None:
