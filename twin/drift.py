@@ -34,9 +34,9 @@ Array = NDArray[np.float64]
 SEVERAL = ""
 """In place of a parameter's name: no single one explains the change."""
 _SHORTEST = 0.5
-_NOISE_MARGIN = 0.15
-"""Innovations may be larger than predicted by this share of their variance: noise is never known
-better, and the filter linearises."""
+_NOISE_MARGIN = 0.5
+"""Innovations may be larger than predicted by this share of their variance: data sheets do not know
+a sensor's noise better, and the filter linearises."""
 
 
 @dataclass(frozen=True)

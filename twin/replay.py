@@ -116,7 +116,7 @@ def log_frames(data: Path, buses: int = 1) -> Iterator[Frames]:
         reader = reader_for(path)
         if not isinstance(reader, CanReader):
             raise FormatError(
-                "not a CAN log", where=str(path), remedy="replay .log, .blf, .asc, .trc or .mf4"
+                "not a CAN log", where=str(path), remedy="replay .log, .blf, .asc or .trc"
             )
         for frames in reader.frames(path):
             yield _numbered(frames, numbers, buses)

@@ -21,7 +21,16 @@ from hil.bus.dbc import Port, bundled_dbc, read_dbc
 from recordings.readers import reader_for
 from recordings.readers.can_frames import Frames
 from recordings.readers.can_log import CanReader
-from twin.ingest import Decoded, Decoder, FrameRecorder, Receiver, Sampler, Timeline, columns
+from twin.ingest import (
+    Decoded,
+    Decoder,
+    FrameRecorder,
+    Receiver,
+    Sampler,
+    Timeline,
+    columns,
+    convert,
+)
 from twin.replay import log_frames
 
 PORTS = [Port("tau", "N.m"), Port("theta", "rad"), Port("omega", "rad/s")]
@@ -104,6 +113,30 @@ def test_python_can_reads_the_recordings(tmp_path: Path) -> None:
     with can.LogReader(recorder.files[0]) as log:
         read = columns(list(log))
     assert _same(read, frames(motion(0.5, seed=2)))
+
+
+@pytest.mark.parametrize("suffix", [".mf4", ".blf", ".asc"])
+def test_recordings_become_other_formats(tmp_path: Path, suffix: str) -> None:
+    recorder = FrameRecorder(tmp_path)
+    recorder.write(frames(motion(1, seed=2)))
+    recorder.close()
+    target = tmp_path / f"run{suffix}"
+    assert convert(recorder.files[0], target) == 200
+    with can.LogReader(target) as log:
+        found = columns(list(log))
+    original = frames(motion(1, seed=2))
+    assert np.array_equal(found.payload, original.payload)
+    assert np.array_equal(found.identifier, original.identifier)
+    assert np.allclose(np.diff(found.nanoseconds), np.diff(original.nanoseconds), atol=2e4)
+
+
+def test_what_cannot_be_converted_leaves_nothing(tmp_path: Path) -> None:
+    recorder = FrameRecorder(tmp_path)
+    recorder.write(frames(motion(1, seed=2)))
+    recorder.close()
+    with pytest.raises(ValueError, match=r"\.mf4"):
+        convert(recorder.files[0], tmp_path / "run.txt")
+    assert [p.suffix for p in tmp_path.iterdir()] == [".log"]
 
 
 _WRITER = """

@@ -2,7 +2,7 @@
 
 from twin.ingest.decoder import Decoded, Decoder
 from twin.ingest.receiver import Receiver, columns
-from twin.ingest.recorder import FrameRecorder
+from twin.ingest.recorder import FrameRecorder, convert
 from twin.ingest.sampler import Block, Sampler
 from twin.ingest.timeline import Slice, Timeline
 
@@ -16,4 +16,5 @@ __all__ = [
     "Slice",
     "Timeline",
     "columns",
+    "convert",
 ]

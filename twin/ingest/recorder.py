@@ -11,9 +11,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import BinaryIO
 
+import can
 import numpy as np
 
 from foundation.errors import InputError
+from foundation.files import written_whole
 from recordings.readers.can_frames import EXTENDED, Frames
 
 SUFFIX = ".log"
@@ -116,6 +118,44 @@ class FrameRecorder:
             files.pop(0).unlink(missing_ok=True)
             sizes.pop(0)
             self.removed += 1
+
+
+def convert(recording: Path, target: Path) -> int:
+    """Write a recording in another format, whole or not at all; return how many frames it has.
+
+    Args:
+        recording: Of a `FrameRecorder`, or any that python-can reads.
+        target: `.mf4` (needs asammdf), `.blf`, `.asc`, `.trc`.
+
+    Raises:
+        InputError: The format cannot be written.
+        OSError: A file cannot be read or written.
+    """
+    if target.suffix not in (".mf4", ".blf", ".asc", ".trc"):
+        raise InputError(
+            f"no CAN log of the kind '{target.suffix}' can be written",
+            where=str(target),
+            remedy="use .mf4, .blf, .asc or .trc",
+        )
+    count = 0
+    with written_whole(target) as beside:
+        # python-can chooses by the suffix, which the file beside has not got.
+        named = beside.with_name(beside.name + target.suffix)
+        try:
+            with can.LogReader(recording) as read, can.Logger(named) as log:
+                for frame in read:
+                    log(frame)
+                    count += 1
+            named.replace(beside)
+        except (ImportError, NotImplementedError) as error:
+            raise InputError(
+                f"{target.suffix} cannot be written: {error}",
+                where=str(target),
+                remedy="pip install asammdf, or convert to .blf",
+            ) from error
+        finally:
+            named.unlink(missing_ok=True)
+    return count
 
 
 def _lines(frames: Frames, buses: Sequence[str]) -> bytes:
