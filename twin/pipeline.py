@@ -42,6 +42,8 @@ _NAMING = 3.0
 _REPORT = 10.0
 """Between two events with the estimate [s]."""
 _KEPT = 20.0
+_RECOVERED = 5.0
+"""So long must filters run that have diverged, before that is over [s]."""
 _SECOND = 1e-9
 
 
@@ -170,6 +172,7 @@ class Pipeline:
         self._begun: float | None = None
         self._reported = -np.inf
         self._blocks = self._restarts = 0
+        self._diverged_at: float | None = None
         self._noise = dict.fromkeys(model.outputs, 0.0)
 
     # What is known
@@ -331,6 +334,7 @@ class Pipeline:
             scored = self._following.block(block.inputs, block.outputs)
         except DivergenceError as error:
             return self._diverged(time, str(error))
+        events = self._sound(time)
         self._time = time
         self._begun = time if self._begun is None else self._begun
         self._blocks += 1
@@ -345,7 +349,7 @@ class Pipeline:
         self._history.add(block.start, block.inputs[:-1], block.outputs, predicted, spread)
         rms = np.sqrt(np.mean((scored.innovations / spread) ** 2, axis=0))
         self._noise = dict(zip(self.plant.outputs, rms.tolist(), strict=True))
-        events = self._tested(self._monitor.take(tested), time)
+        events += self._tested(self._monitor.take(tested), time)
         before = self._fit.updates
         self._fit.take(block.inputs, block.outputs, scored)
         if self._updated is None or self._fit.updates > before:
@@ -359,8 +363,16 @@ class Pipeline:
         covariance = self._fit.covariance
         self._fit.start(values, covariance)
         shares_filter(self._fit, self._following)
+        again, self._diverged_at = self._diverged_at is not None, time
         detail: dict[str, JSON] = {"what": "estimator", "because": because}
-        return [self._event(EventKind.DEGRADED, time, detail)]
+        return [] if again else [self._event(EventKind.DEGRADED, time, detail)]
+
+    def _sound(self, time: float) -> list[Event]:
+        """Say that filters which diverged are well again."""
+        if self._diverged_at is None or time - self._diverged_at < _RECOVERED:
+            return []
+        self._diverged_at = None
+        return [self._event(EventKind.RECOVERED, time, {"what": "estimator"})]
 
     def _tested(self, alarm: Alarm | None, time: float) -> list[Event]:
         events: list[Event] = []

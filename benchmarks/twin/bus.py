@@ -16,8 +16,10 @@ import numpy as np
 from benchmarks.figures import Figure
 from benchmarks.running import resident
 from benchmarks.twin.fleet import NAMES, NOMINAL, STEP, Fleet
+from hil.bus import bridged_terminals
 from hil.bus.codec import Packer, layouts
 from hil.bus.dbc import Port, bundled_dbc, read_dbc
+from hil.bus.slcan import SlcanBus
 from hil.clock import RealClock
 from hil.settings import parse_toml
 from recordings.readers.can_frames import Frames
@@ -96,39 +98,49 @@ def run() -> Iterator[Figure]:
 
 
 def _load(folder: Path, frames: list[can.Message]) -> Iterator[Figure]:
-    pipeline, recorder = Pipeline(twin(folder)), FrameRecorder(folder / "recorded")
     options = {"interface": "virtual", "preserve_timestamps": True}
+    with can.Bus("load", **options) as near, can.Bus("load", **options) as far:
+        rate, lost, share = _received(folder, "recorded", near, far, frames)
+    yield Figure("full bus: frames a second", rate, None, "1/s")
+    yield Figure("  frames lost", lost, 0.0)
+    yield Figure("  of one core, beside the sender", share, 25.0, "%")
+    with bridged_terminals() as names, SlcanBus(names[0]) as near, SlcanBus(names[1]) as far:
+        rate, lost, share = _received(folder, "serial", near, far, frames)
+    yield Figure("the same over slcan on a bridge of terminals", rate, None, "1/s")
+    yield Figure("  frames lost", lost, None)
+    yield Figure("  of one core, beside the sender", share, None, "%")
+
+
+def _received(
+    folder: Path, name: str, near: can.BusABC, far: can.BusABC, frames: list[can.Message]
+) -> tuple[float, float, float]:
+    """Return frames a second, frames lost, and processor time beside the sender's [%]."""
+    pipeline, recorder = Pipeline(twin(folder)), FrameRecorder(folder / name)
     sending: list[float] = []
 
-    def send(bus: can.BusABC) -> None:
+    def send() -> None:
         clock = RealClock()
         for frame in frames:
             if (due := frame.timestamp - 1e9) > clock.now() + 1e-3:
                 time.sleep(due - clock.now())
-            bus.send(frame)
+            far.send(frame)
         sending.append(time.thread_time())
 
-    with can.Bus("load", **options) as near, can.Bus("load", **options) as far:
-        receiver = Receiver(near)
-        sender = threading.Thread(target=send, args=(far,))
-        began, cpu = time.perf_counter(), time.process_time()
-        receiver.start()
-        sender.start()
-        events = 0
-        while sender.is_alive() or receiver.waiting:
-            time.sleep(BATCH)
-            batch = receiver.drain()
-            recorder.write(batch)
-            events += len(pipeline.feed(batch))
-        elapsed = time.perf_counter() - began
-        used = time.process_time() - cpu - sending[0]
-        receiver.stop()
+    receiver, sender = Receiver(near), threading.Thread(target=send)
+    began, cpu = time.perf_counter(), time.process_time()
+    receiver.start()
+    sender.start()
+    while sender.is_alive() or receiver.waiting:
+        time.sleep(BATCH)
+        batch = receiver.drain()
+        recorder.write(batch)
+        pipeline.feed(batch)
+    elapsed = time.perf_counter() - began
+    used = time.process_time() - cpu - sending[0]
+    receiver.stop()
     recorder.close()
-    health = pipeline.health.counts
-    lost = len(frames) - recorder.written + receiver.dropped + health["lost"]
-    yield Figure("full bus: frames a second", recorder.written / elapsed, None, "1/s")
-    yield Figure("  frames lost", lost, 0.0)
-    yield Figure("  of one core, beside the sender", 100 * used / elapsed, 25.0, "%")
+    lost = len(frames) - recorder.written + receiver.dropped
+    return recorder.written / elapsed, float(lost), 100 * used / elapsed
 
 
 def _replay(folder: Path) -> Iterator[Figure]:

@@ -7,6 +7,7 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from multiprocessing import get_context
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,6 +17,8 @@ from hypothesis import strategies as st
 from pendulum_bus import RATE, START, TRUE, diagnosing, frames, motion, part, twin
 from scipy.integrate import solve_ivp
 
+from foundation.errors import DivergenceError
+from identification.online.scored_filter import ScoredFilter
 from recordings.readers.can_frames import Frames
 from twin.events import Event, EventKind
 from twin.ingest import FrameRecorder
@@ -217,6 +220,27 @@ def test_a_few_old_frames_are_only_refused(tmp_path: Path, quiet: Frames) -> Non
     assert EventKind.DEGRADED not in _kinds(events)
     assert pipeline.health.blocks > blocks
     assert pipeline.health.counts["stale"] >= 40
+
+
+def test_a_filter_that_diverges_is_said_once_and_recovers(
+    tmp_path: Path, quiet: Frames, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pipeline = Pipeline(twin(tmp_path))
+    _run(pipeline, part(quiet, 0, 1000))
+    block, calls = ScoredFilter.block, iter(range(100_000))
+
+    def failing(self: ScoredFilter, inputs: Any, outputs: Any) -> Any:
+        if next(calls) < 5:
+            raise DivergenceError("away")
+        return block(self, inputs, outputs)
+
+    monkeypatch.setattr(ScoredFilter, "block", failing)
+    events = _run(pipeline, part(quiet, 1000, 5000))
+    assert _kinds(events) == [EventKind.DEGRADED, EventKind.RECOVERED]
+    assert events[0].detail["what"] == "estimator"
+    assert pipeline.health.restarts == 5
+    assert pipeline.estimate is not None
+    assert pipeline.estimate.values["J"] == pytest.approx(TRUE["J"], rel=0.05)
 
 
 def test_without_excitation_the_estimate_rests(tmp_path: Path) -> None:
