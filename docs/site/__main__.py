@@ -31,8 +31,10 @@ docs/how-to/own-model
 docs/how-to/own-effect
 docs/how-to/can-log
 docs/how-to/notebook
+docs/how-to/co-simulation
 docs/how-to/cluster
 docs/hil
+docs/twin
 docs/twin
 ```
 

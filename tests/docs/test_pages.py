@@ -22,7 +22,10 @@ _FENCE = re.compile(
     r"^```(?P<kind>\w*)\n(?P<text>.*?)^```$",
     re.DOTALL | re.MULTILINE,
 )
-RUN = ("tutorial", "how-to/own-model", "how-to/own-effect", "how-to/can-log", "how-to/notebook")
+RUN = (
+    "tutorial",
+    *(f"how-to/{n}" for n in ("own-model", "own-effect", "can-log", "notebook", "co-simulation")),
+)
 NEEDS_DATA = ("tutorial", "how-to/notebook")
 
 
