@@ -35,7 +35,6 @@ docs/how-to/co-simulation
 docs/how-to/cluster
 docs/hil
 docs/twin
-docs/twin
 ```
 
 ```{toctree}
