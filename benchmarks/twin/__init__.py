@@ -1,7 +1,7 @@
-"""The twin service: drift and false alarms, load of the bus, speed of a replay, memory.
+"""The twin service: drift and false alarms, load of the bus, replay, memory, readers, kills.
 
 `TWINPROOF_TWIN_HOURS` sets the simulated hours for the rate of false alarms (default 2; the figure
-in the documentation is of 100).
+in the documentation is of 100), `TWINPROOF_TWIN_KILLS` how often the service is killed (10).
 """
 
 from __future__ import annotations
@@ -9,9 +9,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from benchmarks.figures import Figure
-from benchmarks.twin import bus, drift
+from benchmarks.twin import bus, drift, kills, service
 
 
 def run() -> Iterator[Figure]:
     yield from drift.run()
     yield from bus.run()
+    yield from service.run()
+    yield from kills.run()

@@ -1,0 +1,148 @@
+"""The service: a drift until it is verified anew, and many readers of live data."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import httpx2
+import numpy as np
+import uvicorn
+
+from benchmarks.figures import Figure
+from benchmarks.twin.kills import prepare
+from hil.plants import plant_of
+from hil.settings import parse_toml
+from twin.apart import apart
+from twin.api import make_app
+from twin.ingest.buses import BusSource
+from twin.pipeline import Pipeline
+from twin.service import Service
+from twin.store import ParameterSet
+from twin.tokens import Tokens
+from twin.verification import Job, file_hash, verify
+
+PLANT = "Twinproof.Plants.WheeledPendulum"
+DRAWS = 200
+READERS, SECONDS = 200, 10.0
+_CONTROLLER = """
+kind = "pid"
+measured = ["theta_p"]
+commanded = ["V"]
+period = "1 ms"
+proportional = -168.0
+integral = -800.0
+derivative = -8.8
+"""
+_STUDY = f"""
+[plant]
+model = "{PLANT}"
+[plant.sensors.theta_p]
+sd = "0.5 deg"
+[controllers.any]{_CONTROLLER}
+[references.slow.theta_p]
+kind = "sines"
+amplitudes = ["10 deg"]
+frequencies = [1.0]
+[disturbances.push.V]
+kind = "step"
+at = 2.0
+stop = 2.1
+after = 20.0
+[[criteria]]
+kind = "limit"
+signal = "theta_p"
+low = "-30 deg"
+high = "30 deg"
+[margins]
+gain_db = 6.0
+phase_deg = 30.0
+[run]
+duration = 5.0
+"""
+
+
+def verification() -> float:
+    """Return the seconds from asking for a verification of the balancing robot to its evidence."""
+    with TemporaryDirectory() as name:
+        folder = Path(name)
+        (folder / "pid.toml").write_text(_CONTROLLER)
+        plant = plant_of(parse_toml(f'model = "{PLANT}"'))
+        names = ("X1", "X2", "X3", "X4", "X5", "X6", "X7")
+        values = {v.name: float(v.start) for v in plant.described.parameters if v.name in names}
+        sd = np.array([0.01 * abs(values[n]) for n in names])
+        set_ = ParameterSet(
+            "robot",
+            0.0,
+            file_hash(plant.fmu),
+            names,
+            values,
+            tuple(map(tuple, np.diag(sd**2).tolist())),
+        )
+        study = folder / "study.toml"
+        study.write_text(_STUDY)
+        job = Job(set_, PLANT, study, folder / "pid.toml", DRAWS)
+        began = time.perf_counter()
+        apart(threading.Event(), verify, job, time.time, workers=0)
+        return time.perf_counter() - began
+
+
+async def _read(client: httpx2.AsyncClient, url: str, seconds: float) -> tuple[int, float]:
+    """Return how many documents came, and the longest time between two."""
+    count, longest, last = 0, 0.0, time.monotonic()
+    end = last + seconds
+    async with client.stream("GET", url) as answer:
+        async for line in answer.aiter_lines():
+            if line.startswith("data: "):
+                json.loads(line[6:])
+                now = time.monotonic()
+                count, longest, last = count + 1, max(longest, now - last), now
+                if now > end:
+                    break
+    return count, longest
+
+
+async def _readers(base: str) -> list[tuple[int, float]]:
+    limits = httpx2.Limits(max_connections=None)
+    async with httpx2.AsyncClient(timeout=60, limits=limits) as client:
+        url = f"{base}/twins/arm/live"
+        return await asyncio.gather(*(_read(client, url, SECONDS) for _ in range(READERS)))
+
+
+def readers() -> tuple[float, float]:
+    """Return documents a second and reader, and the longest that any of them waited [s]."""
+    with TemporaryDirectory() as name:
+        folder = Path(name)
+        prepare(folder)
+        with Service(
+            folder / "config.toml",
+            lambda settings, start, executor: Pipeline(settings, start, executor=executor),
+            BusSource,
+        ) as service:
+            service.start()
+            config = uvicorn.Config(make_app(service, Tokens()), port=0, log_config=None)
+            server = uvicorn.Server(config)
+            thread = threading.Thread(target=server.run)
+            thread.start()
+            while not server.started:
+                time.sleep(0.01)
+            port = server.servers[0].sockets[0].getsockname()[1]
+            found = asyncio.run(_readers(f"http://127.0.0.1:{port}"))
+            service.hub.close()
+            server.should_exit = True
+            thread.join()
+    rate = min(count for count, _ in found) / SECONDS
+    return rate, max(longest for _, longest in found)
+
+
+def run() -> Iterator[Figure]:
+    yield Figure(f"twin: verified with {DRAWS} draws after", verification(), 60.0, "s")
+    rate, longest = readers()
+    name = f"twin: {READERS} readers, live documents a second each"
+    yield Figure(name, rate, 4.0, "1/s", at_least=True)
+    yield Figure(f"twin: {READERS} readers, longest wait", longest, 1.0, "s")
