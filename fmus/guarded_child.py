@@ -99,7 +99,7 @@ def _actions(plants: dict[int, Any]) -> Mapping[str, Callable[..., Any]]:
     from fmus.checking import check_directly  # noqa: PLC0415
     from fmus.plant import Plant, run_many  # noqa: PLC0415
     from fmus.running import Fmu, Simulation  # noqa: PLC0415
-    from fmus.variational import sensitivities_here  # noqa: PLC0415
+    from fmus.variational import sensitivities as follow  # noqa: PLC0415
 
     def simulate(path: str, sha256: str | None, settings: dict[str, Any]) -> Message:
         with Fmu(Path(path), sha256=sha256) as fmu:
@@ -107,7 +107,7 @@ def _actions(plants: dict[int, Any]) -> Mapping[str, Callable[..., Any]]:
         return {"time": run.time, "columns": dict(run.columns)}
 
     def sensitivities(path: str, settings: dict[str, Any]) -> Message:
-        outputs, derivatives = sensitivities_here(Path(path), **settings)
+        outputs, derivatives = follow(Path(path), **settings, guarded=False)
         return {"outputs": outputs, "derivatives": derivatives}
 
     def many(path: str, settings: dict[str, Any]) -> Message:

@@ -51,6 +51,7 @@ def sensitivities(
     by: Mapping[str, float],
     starts: Sequence[str],
     outputs: Sequence[str],
+    guarded: bool | None = None,
 ) -> tuple[Array, Array]:
     """Run an FMU as Model Exchange with the derivatives of its outputs; a foreign one in a child.
 
@@ -62,6 +63,7 @@ def sensitivities(
         by: Parameter or start value → step of its difference.
         starts: Of those, what acts at the start only.
         outputs: Names.
+        guarded: In a child process; default: unless we compiled the FMU ourselves.
 
     Returns:
         Outputs (n, ny) and derivatives (n, ny, by).
@@ -82,31 +84,17 @@ def sensitivities(
         >>> bool(abs(s[-1, 0, 0] - np.cos(np.sqrt(3.61 / 0.185) * 0.1)) < 2e-4)
         True
     """
-    settings: dict[str, Any] = {
-        "time": time,
-        "inputs": dict(inputs),
-        "values": dict(values),
-        "by": dict(by),
-        "starts": list(starts),
-        "outputs": list(outputs),
-    }
-    if is_ours(fmu):
-        return sensitivities_here(fmu, **settings)
-    answer = ask("sensitivities", fmu, settings=settings)
-    return answer["outputs"], answer["derivatives"]
-
-
-def sensitivities_here(
-    fmu: Path,
-    *,
-    time: Array,
-    inputs: Mapping[str, Array],
-    values: Mapping[str, float],
-    by: Mapping[str, float],
-    starts: Sequence[str],
-    outputs: Sequence[str],
-) -> tuple[Array, Array]:
-    """The same in this process, which a foreign FMU can take down."""
+    if guarded or (guarded is None and not is_ours(fmu)):
+        settings: dict[str, Any] = {
+            "time": time,
+            "inputs": dict(inputs),
+            "values": dict(values),
+            "by": dict(by),
+            "starts": list(starts),
+            "outputs": list(outputs),
+        }
+        answer = ask("sensitivities", fmu, settings=settings)
+        return answer["outputs"], answer["derivatives"]
     with Fmu(fmu) as opened:
         states = opened.description.states
         signals: Inputs | None = (time, inputs) if inputs else None
