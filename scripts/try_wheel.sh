@@ -19,6 +19,7 @@ wheel=$(echo "$work"/dist/*.whl)
 
 "$python" -m zipfile --list "$wheel" >"$work/names"
 for needed in Twinproof/package.mo demo_data/balancing.blf demo_data/held_out.blf LICENSE \
+    twin/pages/static/twin.js twin/store/migrations/versions/0001_log.py \
     workbench/static/index.html workbench/static/vendor/uPlot.min.js; do
     grep -q "$needed" "$work/names" || fail "$needed is not in it"
 done

@@ -160,6 +160,9 @@ class Monitor:
         journal: Where everything goes.
         clock: Says what time it is, in the frames' time [s].
         roots: Folders of further Modelica libraries.
+
+    Attributes:
+        lock: Held while anything changes; hold it to look at the pipeline.
     """
 
     def __init__(
@@ -175,7 +178,7 @@ class Monitor:
         self.journal = journal
         self._clock = clock
         self._roots = roots
-        self._lock = threading.RLock()
+        self.lock = threading.RLock()
         self._busy = False
         self._asked = ""
         self._decision: Decision | None = None
@@ -254,17 +257,17 @@ class Monitor:
 
     def feed(self, frames: Frames) -> list[Event]:
         """Take frames; return what happened. The gate has heard of it when this returns."""
-        with self._lock:
+        with self.lock:
             return self._take(self.pipeline.feed(frames))
 
     def tick(self) -> list[Event]:
         """Look at what time alone changes: silence, ages."""
-        with self._lock:
+        with self.lock:
             return self._take(self.pipeline.idle(self._clock()))
 
     def interrupted(self, now: float) -> None:
         """Forget that telemetry was followed: a clock was set, or frames were lost."""
-        with self._lock:
+        with self.lock:
             if self._life.followed_since is not None:
                 self._life = replace(self._life, followed_since=now)
 
@@ -299,7 +302,7 @@ class Monitor:
         Args:
             controller: Its hash (`twin.verification.controller_hash`); None: the deployed one's.
         """
-        with self._lock:
+        with self.lock:
             try:
                 asked = self._question(controller)
             except InputError as error:
@@ -360,7 +363,7 @@ class Monitor:
 
     def ask_for_verification(self, who: str) -> None:
         """Have the plant verified now, whatever happened before."""
-        with self._lock:
+        with self.lock:
             self._asked = f"asked by {who}"
 
     def next_job(self) -> tuple[Job, str] | None:
@@ -368,11 +371,14 @@ class Monitor:
 
         After that the twin is busy until `conclude` or `give_up`.
         """
-        with self._lock:
+        with self.lock:
             v = self.settings.verification
             if self._busy or self.journal.failure or not (v.study and v.controller):
                 return None
-            why = self._asked or self._due()
+            try:
+                why = self._asked or self._due()
+            except InputError:
+                return None  # a file is gone: the gate is closed, and says so
             candidate = self._candidate() if why else None
             if candidate is None:
                 return None
@@ -489,7 +495,7 @@ class Monitor:
             evidence: Of it.
             recorded: What the parameters come from.
         """
-        with self._lock:
+        with self.lock:
             self._busy = False
             set_ = job.parameters
             events = [
@@ -534,7 +540,7 @@ class Monitor:
 
     def give_up(self, job: Job, because: str) -> list[Event]:
         """Take it that a verification could not be carried out."""
-        with self._lock:
+        with self.lock:
             self._busy = False
             self._life = refused(self._life, self._clock(), f"verification failed: {because}")
             event = Event(
@@ -552,7 +558,7 @@ class Monitor:
             InputError: It did not pass, or the plant has drifted since.
             UnknownNameError: There is no such set or evidence.
         """
-        with self._lock:
+        with self.lock:
             rows = self.journal.store.parameter_sets(self.name)
             row = next((r for r in rows if r["id"] == parameters), None)
             found = None if row is None or row["evidence"] is None else row["evidence"]
@@ -578,7 +584,7 @@ class Monitor:
         Raises:
             InputError: There was none.
         """
-        with self._lock:
+        with self.lock:
             store = self.journal.store
             to = store.earlier(self.name)
             if to is None:
@@ -642,7 +648,7 @@ class Monitor:
 
     def stop(self) -> None:
         """End in order."""
-        with self._lock:
+        with self.lock:
             self._write([Event(self._clock(), self.name, EventKind.STOPPED)])
 
 

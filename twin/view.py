@@ -38,6 +38,11 @@ def decision_document(decision: Decision) -> dict[str, Any]:
 
 def line(monitor: Monitor, now: float) -> dict[str, Any]:
     """Return what a fleet's page shows of a twin."""
+    with monitor.lock:
+        return _line(monitor, now)
+
+
+def _line(monitor: Monitor, now: float) -> dict[str, Any]:
     newest = monitor.pipeline.newest
     life = monitor.life
     return {
@@ -57,10 +62,17 @@ def numbers(
     monitor: Monitor, now: float, counts: Mapping[str, int], faults: Mapping[str, str]
 ) -> dict[str, Any]:
     """Return everything that a twin's page shows but its signals."""
+    with monitor.lock:
+        return _numbers(monitor, now, counts, faults)
+
+
+def _numbers(
+    monitor: Monitor, now: float, counts: Mapping[str, int], faults: Mapping[str, str]
+) -> dict[str, Any]:
     pipeline = monitor.pipeline
     estimate = pipeline.estimate
     return {
-        **line(monitor, now),
+        **_line(monitor, now),
         "time": now,
         "excitation": None if estimate is None else finite(estimate.excitation),
         "parameters": _parameters(monitor, estimate),
@@ -72,7 +84,8 @@ def numbers(
 
 def signals(monitor: Monitor) -> dict[str, Any]:
     """Return every output over the last while."""
-    found = monitor.pipeline.predictions
+    with monitor.lock:
+        found = monitor.pipeline.predictions
     return {
         name: _samples(found.time, found.measured[:, k], found.predicted[:, k])
         for k, name in enumerate(found.output_names)

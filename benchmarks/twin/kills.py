@@ -236,7 +236,10 @@ def kill(times: int, seed: int, longest: float = 8.0) -> Kills:
 
 
 def _until_killed(folder: Path, seed: int, seconds: float) -> list[str]:
-    command = [sys.executable, "-m", "benchmarks.twin.kills", str(folder), str(seed)]
+    run_it = (
+        f"from benchmarks.twin.kills import victim, Path; victim(Path({str(folder)!r}), {seed})"
+    )
+    command = [sys.executable, "-c", run_it]
     lines: list[str] = []
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
@@ -290,7 +293,3 @@ def run() -> Iterator[Figure]:
     yield Figure("kill -9: gate open on an unverified plant", found.wrongly_open, 0)
     yield Figure("kill -9: looks at an open gate, of all", found.open_looks / max(found.looks, 1))
     yield Figure("kill -9: drifts flagged on the way", found.drifts)
-
-
-if __name__ == "__main__":
-    victim(Path(sys.argv[1]), int(sys.argv[2]))

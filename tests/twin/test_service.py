@@ -129,6 +129,42 @@ def test_reload_begins_ends_and_renews_only_what_changed(service, tmp_path):
     assert service.monitors == after
 
 
+def test_a_study_that_is_gone_closes_one_gate_and_stops_nothing(service, tmp_path):
+    settle(service)
+    (tmp_path / "study.toml").unlink()
+    step(service)
+    assert "cannot be read" in service.monitor("robot").decide().because
+    service._twins["crane"].source.waiting = [drift(service.clock.now, "mgl", "crane")]
+    step(service)
+    assert kinds(service, "crane")[-1] == "drift"
+    assert not service.monitor("crane").verifying
+
+
+def test_it_can_be_looked_at_while_it_is_fed(service):
+    settle(service)
+    stop = threading.Event()
+    faults = []
+
+    def look():
+        while not stop.is_set():
+            try:
+                service.view("robot")
+                service.fleet()
+            except Exception as error:
+                faults.append(error)
+
+    threads = [threading.Thread(target=look) for _ in range(3)]
+    for thread in threads:
+        thread.start()
+    for k in range(30):
+        service._twins["robot"].source.waiting = [drift(service.clock.now + k)]
+        step(service)
+    stop.set()
+    for thread in threads:
+        thread.join()
+    assert faults == []
+
+
 def test_it_ends_in_order_and_takes_what_had_come(tmp_path):
     service = scripted_service(tmp_path)
     source = service._twins["robot"].source

@@ -14,10 +14,11 @@ from alembic.autogenerate import compare_metadata
 from alembic.runtime.migration import MigrationContext
 from hypothesis import given
 from hypothesis import strategies as st
-from sqlalchemy import text
+from sqlalchemy import create_engine, text
 
 from foundation.errors import FormatError, InputError, StoreError, UnknownNameError
 from twin.events import Event, EventKind
+from twin.journal import Journal
 from twin.store import (
     Evidence,
     ParameterSet,
@@ -344,6 +345,38 @@ def test_a_database_that_is_held_by_another_is_a_failure_that_passes(tmp_path, m
         other.close()
         append(store, event(3))
         assert store.audit().events == 2
+
+
+def test_a_server_that_goes_away_and_comes_back(postgres, postgres_database, tmp_path):
+    name = postgres_database.rpartition("/")[2]
+    admin = create_engine(
+        f"{postgres}/postgres".replace("postgresql:", "postgresql+psycopg:"),
+        isolation_level="AUTOCOMMIT",
+    )
+
+    def allow(word):
+        with admin.connect() as connection:
+            connection.execute(text(f"ALTER DATABASE {name} WITH ALLOW_CONNECTIONS {word}"))
+            connection.execute(
+                text(
+                    "SELECT pg_terminate_backend(pid) FROM pg_stat_activity WHERE datname = :name"
+                ),
+                {"name": name},
+            )
+
+    with Store.open(postgres_database, Path("audit.key"), tmp_path) as store:
+        journal = Journal(store, lambda: 99.5)
+        assert journal.write([event(1)])
+        allow("false")
+        assert not journal.write([event(2)])
+        assert journal.failure
+        assert not journal.retry()
+        allow("true")
+        assert journal.retry()
+        kinds = [e.kind for e in store.all_events()]
+        assert kinds == ["drift", "degraded", "drift", "recovered"]
+        assert store.audit().intact
+    admin.dispose()
 
 
 @pytest.mark.parametrize("url", ["", "nonsense", "mysql://x/y", "sqlite://", "sqlite:///:memory:"])
