@@ -92,8 +92,12 @@ def crossvalidate(
         return Verdict(False, 1.0, 0.0, nothing, nothing, reason)
 
     def judge(length: float) -> Verdict:
-        before = _unseen(smaller, base, base.sd, length)
-        after = _unseen(larger, extended, base.sd, length)
+        # Each with the weights of its own fit: a channel of which the smaller model makes nothing
+        # (a sensor's scale) would tell the larger one nothing of where a window begins.
+        before = _unseen(smaller, base, length)
+        after = _unseen(larger, extended, length)
+        # A window that a model cannot simulate counts as a very wrong one, not as a missing one.
+        before, after = (np.where(np.isinf(e), 1e6 * base.sd**2, e) for e in (before, after))
         return _judge(before, after, noise, tried, independent)
 
     verdict = judge(CV_WINDOW)
@@ -103,12 +107,14 @@ def crossvalidate(
     return verdict
 
 
-def _unseen(experiment: Experiment, whole: Fit, sd: Vector, length: float) -> Matrix:
+def _unseen(experiment: Experiment, whole: Fit, length: float) -> Matrix:
     """Return mean squared errors, each window's with parameters from elsewhere.
 
     Returns:
-        (windows of all records, channels of all records); NaN in the channels of other records.
+        (windows of all records, channels of all records); NaN in the channels of other records,
+        infinite where a window cannot be simulated.
     """
+    sd = whole.sd
     parts = experiment.parts(length)
     owner = np.repeat(np.arange(len(parts)), [len(part.windows) for part in parts])
     count, ny = len(owner), len(experiment.problem.output_names)
@@ -131,8 +137,7 @@ def _unseen(experiment: Experiment, whole: Fit, sd: Vector, length: float) -> Ma
             left = residual.size - free
             mine = slice(owner[window] * ny, (owner[window] + 1) * ny)
             errors[window, mine] = np.mean(residual**2, axis=0) * residual.size / max(left, 1)
-    # A window that a model cannot simulate counts as a very wrong one, not as a missing one.
-    return np.where(np.isinf(errors), 1e6 * sd**2, errors)
+    return errors
 
 
 def folds_of(count: int) -> list[NDArray[np.intp]]:

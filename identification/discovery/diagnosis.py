@@ -27,6 +27,8 @@ _COMPARED = 3
 # Candidates this close in merit to the best are not told apart by this record [nats].
 _TIE = 3.0
 _AT_FLOOR = 1.1
+# A sensor's fault that leaves more than a tenth of the error above the noise is not all.
+_ALL_BUT = 0.9
 _NUMERICAL = 1e-4
 # A disturbance of this share of the input may be called noise of the machine; beside one of that
 # share no effect is named.
@@ -203,9 +205,10 @@ def _by_output_error(
         *(_unrefitted(s, fit) for s in scanned.scored if s.addition.label not in refitted),
     )
     rivals = _rivals(refits, chosen)
+    removed = 0.0 if chosen is None else checks[chosen.addition.label].removed
     ties = (tuple(r.addition.label for r in rivals),) if rivals else ()
     diagnosis = Diagnosis(
-        _outcome(chosen, rivals, fit, noise, experiment),
+        _outcome(chosen, removed, rivals, fit, noise, experiment),
         ranking,
         ties,
         chosen,
@@ -279,9 +282,16 @@ def _rivals(refits: tuple[Refit, ...], chosen: Refit | None) -> tuple[Refit, ...
 
 
 def _outcome(
-    chosen: Refit | None, rivals: tuple[Refit, ...], fit: Fit, noise: Vector, experiment: Experiment
+    chosen: Refit | None,
+    removed: float,
+    rivals: tuple[Refit, ...],
+    fit: Fit,
+    noise: Vector,
+    experiment: Experiment,
 ) -> Outcome:
     if chosen is not None:
+        if _is_sensor(chosen, rivals) and removed >= _ALL_BUT:
+            return Outcome.SENSOR
         # A rival with more parameters loses to the simpler law; an equal one does not.
         size = len(chosen.addition.values)
         equal = any(r is not chosen and len(r.addition.values) <= size for r in rivals)
@@ -294,6 +304,14 @@ def _outcome(
     if np.all(fit.at.rms <= _AT_FLOOR * np.fmax(noise, smallest)):
         return Outcome.COMPLETE
     return Outcome.UNKNOWN_SHAPE
+
+
+def _is_sensor(chosen: Refit, rivals: tuple[Refit, ...]) -> bool:
+    """The chosen candidate and all that are not told from it act on what was measured only.
+
+    Which of several faults it is may be open, that it is the sensor is not.
+    """
+    return not chosen.at_bound and all(r.addition.place.kind == "output" for r in (chosen, *rivals))
 
 
 def _next_experiment(rivals: tuple[Refit, ...], progress: Progress) -> str:
