@@ -11,6 +11,7 @@ import pandas as pd
 
 from identification.comparison import Comparison
 from identification.discovery.diagnosis import Diagnosis
+from identification.discovery.drift import Drift
 from identification.discovery.ladder import Improvement
 from identification.estimate import Estimate
 from identification.problem import Problem
@@ -132,10 +133,12 @@ class Diagnosed:
     Attributes:
         diagnosis: What is missing.
         records: Every record fitted, in the order given.
+        drift: Whether verified parameters moved; None if none were given.
     """
 
     diagnosis: Diagnosis
     records: tuple[FittedRecord, ...]
+    drift: Drift | None = None
 
     @property
     def problem(self) -> Problem:

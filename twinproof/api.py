@@ -12,6 +12,7 @@ from foundation.errors import InputError, UnsupportedModelError
 from identification import comparison
 from identification.discovery import diagnosis as discovery
 from identification.discovery import ladder
+from identification.discovery.drift import missing_or_drifted
 from identification.discovery.extension import (
     ExtendedModel,
     parse_addition,
@@ -227,6 +228,7 @@ def diagnose(
     *,
     parameters: Mapping[str, float] | None = None,
     free: Collection[str] | None = None,
+    verified: Mapping[str, tuple[float, float]] | None = None,
     progress: Progress = lambda _: None,
 ) -> Diagnosed:
     """Fit a model and find out which physical effect it lacks.
@@ -236,6 +238,8 @@ def diagnose(
         recording: From `read_recording`; several of one machine share the parameters.
         parameters: Starting values.
         free: What to fit.
+        verified: Parameters as an earlier record gave them, (value, standard deviation): also asked
+            is then whether these have moved.
         progress: Told what is being done.
 
     Raises:
@@ -258,7 +262,11 @@ def diagnose(
         prediction = e.predict(fit.values, length, sd=fit.sd[k * ny :])
         compared = comparison.compare(e.problem, e.shooting, prediction)
         records.append(FittedRecord(r.origin, e.problem, compared, length))
-    return Diagnosed(found, tuple(records))
+    moved = None
+    if verified is not None:
+        known = {name: Prior(*numbers) for name, numbers in verified.items()}
+        moved = missing_or_drifted(model.source, problems, known, progress=progress)
+    return Diagnosed(found, tuple(records), moved)
 
 
 def extend(model: Model, additions: Collection[str], *, name: str | None = None) -> ExtendedModel:

@@ -10,6 +10,7 @@ from typing import Any
 from fmus.places import Place
 from identification.comparison import Comparison
 from identification.discovery.diagnosis import Diagnosis
+from identification.discovery.drift import Drift
 from identification.discovery.effects import Effect
 from identification.discovery.empirical import Proposal
 from identification.discovery.extension import Addition
@@ -168,12 +169,35 @@ def _proposal(value: Proposal | None) -> dict[str, Any] | None:
     }
 
 
+def _drifted(value: Drift | None) -> Document | None:
+    if value is None:
+        return None
+    return {
+        "verdict": value.change.value,
+        "moved": [
+            {
+                "parameters": {
+                    name: {"verified": before, "value": now, "sd": sd}
+                    for name, (before, now, sd) in one.values.items()
+                },
+                "evidence": one.evidence,
+                "merit": one.merit,
+                "deviations": one.deviations,
+            }
+            for one in value.moved
+        ],
+        "effect": value.effect,
+        "effect_merit": value.effect_merit,
+    }
+
+
 def diagnosed(result: Diagnosed) -> Document:
     """Return the document of `diagnose`."""
     return document(
         "diagnose",
         {
             **diagnosis(result.diagnosis),
+            "drifted": _drifted(result.drift),
             "channels": channels(result.comparison),
             "horizon": horizon_word(result.horizon),
             "records": [fitted_record(record) for record in result.records],

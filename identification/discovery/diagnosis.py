@@ -25,7 +25,7 @@ _TRIALS = 3
 # An experiment is looked for that tells at most this many rivals apart: each is fitted to each.
 _COMPARED = 3
 # Candidates this close in merit to the best are not told apart by this record [nats].
-_TIE = 3.0
+TIE = 3.0
 _AT_FLOOR = 1.1
 # A sensor's fault that leaves more than a tenth of the error above the noise is not all.
 _ALL_BUT = 0.9
@@ -277,7 +277,7 @@ def _rivals(refits: tuple[Refit, ...], chosen: Refit | None) -> tuple[Refit, ...
     """Return the candidates that this record does not tell from the chosen one, itself included."""
     if chosen is None:
         return ()
-    near = tuple(r for r in refits if abs(r.merit - chosen.merit) <= _TIE)
+    near = tuple(r for r in refits if abs(r.merit - chosen.merit) <= TIE)
     return near if len(near) > 1 else ()
 
 

@@ -148,3 +148,26 @@ def test_a_record_is_fitted_once_and_not_judged_by(run, records, tmp_path, extra
     assert out == ""
     assert "given twice" in err or "hold-out" in err
     assert not (tmp_path / "no").exists()
+
+
+def test_verified_parameters_are_asked_whether_they_moved(run, records, tmp_path):
+    verified = tmp_path / "verified.json"
+    status, _, _ = run("identify", MODEL, records[0], "--json", verified)
+    assert status == 0
+    status, out, _ = run("diagnose", MODEL, records[1], "--verified", verified, "--json", "-")
+    assert status == 0
+    drifted = json.loads(out)["drifted"]
+    assert drifted["verdict"] == "nothing"
+    assert {name for one in drifted["moved"] for name in one["parameters"]} == {"J", "mgl", "d"}
+
+
+@pytest.mark.parametrize("text", ["{", "{}", '{"parameters": 3}', None])
+def test_what_is_no_document_of_identify_is_refused(run, records, tmp_path, text):
+    path = tmp_path / "verified.json"
+    if text is not None:
+        path.write_text(text)
+    status, out, err = run("diagnose", MODEL, records[0], "--verified", path)
+    assert status == 2
+    assert out == ""
+    assert "identify" in err
+    assert len(err.strip().splitlines()) == 1

@@ -24,6 +24,7 @@ from twinproof.cli.options import (
     json_option,
     modelica_path_option,
     parse_priors,
+    read_verified,
     report_option,
 )
 from twinproof.model import Model
@@ -131,8 +132,17 @@ def identify(
 @click.command()
 @journey
 @also_option
+@click.option(
+    "--verified",
+    "verified_path",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="FILE.json",
+    help="What `identify --json` said of an earlier record: have its parameters moved since?",
+)
 @report_option
-def diagnose(request: Request, also: tuple[str, ...], report_dir: Path | None) -> None:
+def diagnose(
+    request: Request, also: tuple[str, ...], verified_path: Path | None, report_dir: Path | None
+) -> None:
     """Fit MODEL to DATA and find which physical effect it lacks.
 
     \b
@@ -140,12 +150,14 @@ def diagnose(request: Request, also: tuple[str, ...], report_dir: Path | None) -
       twinproof diagnose Twinproof.Plants.Positioner emps --json -
     """
     output = request.output
+    verified = None if verified_path is None else read_verified(verified_path)
     with output.progress() as progress:
         result = api.diagnose(
             request.model,
             [request.recording, *map(request.read, also)],
             parameters=request.parameters,
             free=request.free,
+            verified=verified,
             progress=progress,
         )
     found = result.diagnosis
@@ -156,6 +168,8 @@ def diagnose(request: Request, also: tuple[str, ...], report_dir: Path | None) -
         output.console.print("not told apart: " + ", ".join(tie))
     if found.next_experiment:
         output.console.print("next experiment: " + found.next_experiment)
+    if result.drift is not None:
+        output.console.print(tables.drift(result.drift))
     if report_dir is not None:
         write_diagnosis(
             found,

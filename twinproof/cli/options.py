@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shlex
 import sys
 from collections.abc import Callable, Generator
@@ -128,6 +129,33 @@ def parse_priors(words: tuple[str, ...]) -> dict[str, tuple[float, float]]:
             )
         priors[name] = (value, sd)
     return priors
+
+
+def read_verified(path: Path) -> dict[str, tuple[float, float]]:
+    """Read value and standard deviation of every parameter that a record showed.
+
+    Args:
+        path: A document of `identify --json`.
+
+    Raises:
+        InputError: It cannot be read, or is no such document.
+    """
+    remedy = "give the file that `twinproof identify … --json FILE` wrote"
+    try:
+        rows = json.loads(path.read_text(encoding="utf-8"))["parameters"]
+        return {
+            name: (float(row["value"]), float(row["sd"]))
+            for name, row in rows.items()
+            if row["identifiable"]
+        }
+    except OSError as error:
+        raise InputError(
+            f"{path} cannot be read: {error.strerror}", where="--verified", remedy=remedy
+        ) from None
+    except (ValueError, TypeError, KeyError, AttributeError):
+        raise InputError(
+            f"{path} is no document of identify", where="--verified", remedy=remedy
+        ) from None
 
 
 def parse_names(text: str | None) -> tuple[str, ...] | None:

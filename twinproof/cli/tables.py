@@ -8,6 +8,7 @@ from rich.table import Table
 
 from identification.comparison import Comparison
 from identification.discovery.diagnosis import Diagnosis
+from identification.discovery.drift import Change, Drift
 from identification.discovery.ladder import Improvement
 from identification.estimate import Estimate
 from twinproof.documents import horizon_word
@@ -131,4 +132,27 @@ def ladder(improvement: Improvement) -> Table:
     for name in names:
         floor += [number(improvement.noise_floor[name]), ""]
     table.add_row(*floor, "", "", style="dim")
+    return table
+
+
+_CHANGED = {
+    Change.NOTHING: "nothing has changed since the parameters were verified",
+    Change.DRIFTED: "parameters have moved; no effect explains it as well",
+    Change.MISSING: "something has appeared that moved parameters do not explain",
+    Change.EITHER: "parameters have moved, or an effect that acts like them has appeared",
+}
+
+
+def drift(found: Drift) -> Table:
+    """Return what explains a record beside verified parameters."""
+    title = f"{found.change.value}: {_CHANGED[found.change]}"
+    table = Table(title=title, title_justify="left")
+    for heading in ("let go", "verified", "now", "merit [nats]"):
+        table.add_column(heading, justify="left" if heading == "let go" else "right")
+    for one in found.moved:
+        before = ", ".join(number(value) for value, _, _ in one.values.values())
+        now = ", ".join(with_sd(value, sd) for _, value, sd in one.values.values())
+        table.add_row(", ".join(one.values), before, now, number(one.merit, 3))
+    if found.effect:
+        table.add_row(found.effect, "", "", number(found.effect_merit, 3))
     return table
