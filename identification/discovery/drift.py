@@ -32,8 +32,8 @@ Progress = Callable[[str], None]
 class Change(Enum):
     """What has happened to a machine since it was verified.
 
-    EITHER: some effect is as good as a moved parameter, as one and the same law is (an imbalance and
-    a pendulum's weight). That a parameter moved is the simpler reading.
+    EITHER: some effect is as good as a moved parameter, as one and the same law is (an imbalance
+    and a pendulum's weight). That a parameter moved is the simpler reading.
     """
 
     NOTHING = "nothing"
