@@ -189,7 +189,7 @@ def test_json_names_are_the_users_own_behind_a_wrapper():
     found = improve(truth.library("Pendulum"), problem)
     assert [a.label for a in found.added] == ["DeadZone@tau"]
     assert found.steps[-1].model.wrapped
-    result = twinproof.api.Improved(problem, None, found)
+    result = twinproof.Improved(problem, None, found)
     files = {s.number: ("m.mo", "m.fmu") for s in found.steps}
     document = documents.improved(result, files)
     last = document["ladder"][-1]
