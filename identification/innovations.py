@@ -118,7 +118,10 @@ class InnovationFilter(Shooting):
         measured_inputs: Collection[str] = (),
     ) -> None:
         super().__init__(dae, output_names, disturbances, measured_inputs=measured_inputs)
-        self.library = _compiled(self.model, self.output_names, self.sensitive)
+        self.library = filter_library(
+            *(self.model, self.output_names, self.sensitive),
+            *("innovations.c", "twinproof_innovations"),
+        )
 
     def filter(
         self,
@@ -164,35 +167,41 @@ class InnovationFilter(Shooting):
             np.ascontiguousarray(a, dtype=float)
             for a in (inputs, outputs, p, decay, sd**2 * (1 - decay**2), added, noise_sd**2)
         ]
-        u, y, p0, phi, q, qx, r = (_pointer(a) for a in arrays)
+        u, y, p0, phi, q, qx, r = (pointer(a) for a in arrays)
         scratch = np.zeros(len(p))
         finite = self.library.twinproof_innovations(
             n,
             max(1, round(h / LONGEST_STEP)),
             ctypes.c_double(h),
             ctypes.c_double(0.0),
-            *(u, ctypes.c_void_p(self.ramps.ctypes.data), y, p0),
+            *(u, pointer(self.ramps), y, p0),
             len(p),
-            ctypes.c_void_p(where.ctypes.data),
+            pointer(where),
             *(phi, q, qx, r),
-            *(_pointer(z), _pointer(covariance), _pointer(v), _pointer(s)),
-            *((_pointer(means), _pointer(spreads)) if track else (None, None)),
-            _pointer(scratch),
+            *(pointer(z), pointer(covariance), pointer(v), pointer(s)),
+            *((pointer(means), pointer(spreads)) if track else (None, None)),
+            pointer(scratch),
         )
         return Innovations(v, s, means, spreads, int(finite))
 
 
-def _pointer(array: Matrix) -> ctypes.c_void_p:
+def pointer(array: np.ndarray) -> ctypes.c_void_p:
+    """Return where an array's numbers are, for a call of C; keep the array until it returns."""
     return ctypes.c_void_p(array.ctypes.data)
 
 
-@lru_cache(maxsize=128)
-def _compiled(
-    model: ExplicitModel, output_names: tuple[str, ...], disturbances: tuple[str, ...]
+@lru_cache(maxsize=256)
+def filter_library(
+    model: ExplicitModel,
+    output_names: tuple[str, ...],
+    sensitive: tuple[str, ...],
+    driver: str,
+    function: str,
 ) -> ctypes.CDLL:
-    source = step_code(model, output_names, disturbances, "innovations.c")
+    """Compile a model with a driver whose function returns a number of samples."""
+    source = step_code(model, output_names, sensitive, driver)
     library = ctypes.CDLL(str(shared_library(source)))
-    library.twinproof_innovations.restype = ctypes.c_int
+    library[function].restype = ctypes.c_int
     return library
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import ctypes
 import math
+import re
 from collections.abc import Collection, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass
@@ -423,7 +424,16 @@ def step_code(
         "WORK": max(1, *(int(function.sz_w()) for function in functions)),
     }
     defines = "".join(f"#define {name} {value}\n" for name, value in sizes.items())
-    return str(generator.dump()) + defines + (_DRIVERS / driver).read_text(encoding="utf-8")
+    return str(generator.dump()) + defines + _driver(driver)
+
+
+def _driver(name: str) -> str:
+    """Return a driver's text with the drivers' headers in their places.
+
+    Libraries are kept under their text, so all of it must be in it.
+    """
+    text = (_DRIVERS / name).read_text(encoding="utf-8")
+    return re.sub(r'^#include "(.+)"$', lambda found: _driver(found[1]), text, flags=re.MULTILINE)
 
 
 def _starts(model: ExplicitModel, derivatives: SX, following: tuple[str, ...]) -> SX:

@@ -13,14 +13,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from fmus.dae import Dae
-from foundation.errors import DivergenceError, InputError, UnsupportedModelError
-from identification.innovations import (
-    Disturbance,
-    InnovationFilter,
-    disturbed_values,
-    with_input_disturbances,
-)
+from foundation.errors import DivergenceError
+from identification.innovations import Disturbance, InnovationFilter, disturbed_values, pointer
 from identification.online.base import OnlineEstimate, OnlineEstimator
+from identification.online.disturbed import disturbed
 from identification.problem import Matrix, Vector
 from identification.shooting import substeps
 
@@ -72,43 +68,25 @@ class OnlineKalman(OnlineEstimator):
         prior_sd: Mapping[str, float] | None = None,
         drift: float = 0.0,
     ) -> None:
-        noise = np.asarray(noise_sd, dtype=float)
-        if not np.all(np.isfinite(noise) & (noise > 0)):
-            raise InputError(
-                "a Kalman filter needs every sensor's noise",
-                where="noise_sd",
-                remedy="give positive standard deviations, as from FilteredLeastSquares' details",
-            )
-        if dae.delays:
-            raise UnsupportedModelError(
-                f"{dae.name} has delays, which the on-line filter does not keep",
-                remedy="put a first-order lag there, or use --method kalman on a record",
-            )
-        disturbed, added = with_input_disturbances(dae)
-        given = list(disturbances or [Disturbance(_ONE, 0.0)] * len(added))
-        if len(given) != len(added):
-            raise InputError(
-                f"{len(given)} disturbances for {len(added)} inputs", remedy="give one an input"
-            )
+        given = list(disturbances or [Disturbance(_ONE, 0.0)] * len(dae.inputs))
+        model = disturbed(dae, noise_sd, given, sample_time)
         self.free = tuple(free)
-        self._filter = InnovationFilter(disturbed, output_names, (*added, *self.free))
-        start = {**disturbed.parameter_values, **disturbed_values(values, added)}
+        self._filter = InnovationFilter(model.dae, output_names, (*model.added, *self.free))
+        start = {**model.dae.parameter_values, **disturbed_values(values, model.added)}
         self._p = self._filter.parameter_vector(start)
         prior = {n: _PRIOR * (abs(start[n]) or 1.0) for n in self.free} | dict(prior_sd or {})
         widths = np.array([prior[n] for n in self.free])
-        decay = np.exp(-np.array([d.rate for d in given]) * sample_time)
-        sd = np.array([d.sd for d in given], dtype=float)
         self._nx, self._nd, self._np = self._filter.nx, len(given), len(self.free)
         self._h, self._samples = sample_time, 0
-        self._noise_sd = noise
-        self._phi = np.concatenate([decay, np.ones(self._np)])
-        self._q = np.concatenate([sd**2 * (1 - decay**2), (drift * widths) ** 2 * sample_time])
+        self._noise_sd = model.noise_sd
+        self._phi = np.concatenate([model.decay, np.ones(self._np)])
+        self._q = np.concatenate([model.added_variance, (drift * widths) ** 2 * sample_time])
         nz = self._nx + self._nd + self._np
         self._z = np.concatenate([np.zeros(self._nx + self._nd), [start[n] for n in self.free]])
-        self._variance = np.concatenate([np.ones(self._nx), sd**2, widths**2])
+        self._variance = np.concatenate([np.ones(self._nx), model.sd**2, widths**2])
         self._states_from(start)
         self._covariance = np.diag(self._variance)
-        ny = len(noise)
+        ny = len(model.noise_sd)
         self._u, self._y = np.zeros((2, len(dae.inputs))), np.full((2, ny), np.nan)
         self._v, self._s = np.zeros((2, ny)), np.ones((2, ny))
         self._means, self._spreads = np.zeros((2, nz)), np.zeros((2, nz))
@@ -132,15 +110,11 @@ class OnlineKalman(OnlineEstimator):
             np.zeros(len(self._p)),
         ]
         places, none, r, scratch = self._kept
-
-        def at(array: np.ndarray) -> ctypes.c_void_p:
-            return ctypes.c_void_p(array.ctypes.data)
-
         head = (2, substeps(self._h), ctypes.c_double(self._h))
-        tail = (at(self._u), at(self._filter.ramps), at(self._y))
-        tail += (at(self._p), len(self._p), at(places))
-        tail += (at(self._phi), at(self._q), at(none), at(r), at(self._z), at(self._covariance))
-        tail += (at(self._v), at(self._s), at(self._means), at(self._spreads), at(scratch))
+        measured = (self._u, self._filter.ramps, self._y, self._p)
+        model = (places, self._phi, self._q, none, r, self._z, self._covariance)
+        found = (self._v, self._s, self._means, self._spreads, scratch)
+        tail = (*map(pointer, measured), len(self._p), *map(pointer, (*model, *found)))
         self._head, self._tail = head, tail
 
     def update(self, inputs: Sequence[float], outputs: Sequence[float]) -> OnlineEstimate:

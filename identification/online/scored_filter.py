@@ -12,16 +12,15 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 
-from fmus.compiler import shared_library
 from fmus.dae import Dae
-from foundation.errors import DivergenceError, InputError, UnsupportedModelError
-from identification.innovations import Disturbance, disturbed_values, with_input_disturbances
+from foundation.errors import DivergenceError
+from identification.innovations import Disturbance, disturbed_values, filter_library, pointer
+from identification.online.disturbed import disturbed
 from identification.problem import Matrix, Vector
-from identification.shooting import ExplicitModel, Shooting, step_code, substeps
+from identification.shooting import Shooting, substeps
 
 _UNKNOWN_RATE = 3.0
 """Standard deviation of a state that no sensor shows at once, over the size of its start or 1."""
@@ -83,32 +82,15 @@ class ScoredFilter(Shooting):
         noise_sd: Sequence[float] | Vector,
         disturbances: Sequence[Disturbance],
     ) -> None:
-        noise = np.asarray(noise_sd, dtype=float)
-        if not np.all(np.isfinite(noise) & (noise > 0)):
-            raise InputError(
-                "a Kalman filter needs every sensor's noise",
-                where="noise_sd",
-                remedy="give positive standard deviations",
-            )
-        if dae.delays:
-            raise UnsupportedModelError(
-                f"{dae.name} has delays, which the on-line filter does not keep",
-                remedy="put a first-order lag there",
-            )
-        disturbed, added = with_input_disturbances(dae)
-        if len(disturbances) != len(added):
-            raise InputError(
-                f"{len(disturbances)} disturbances for {len(added)} inputs",
-                remedy="give one an input",
-            )
-        super().__init__(disturbed, output_names, (*added, *free))
+        model = disturbed(dae, noise_sd, disturbances, sample_time)
+        super().__init__(model.dae, output_names, (*model.added, *free))
         self.free = tuple(free)
         self.h = sample_time
-        self._added, self._noise, self._nd = added, noise, len(added)
-        self._library_scored = _compiled_scored(self.model, self.output_names, self.sensitive)
-        decay = np.exp(-np.array([d.rate for d in disturbances]) * sample_time)
-        self._sd = np.array([d.sd for d in disturbances], dtype=float)
-        self._decay, self._added_variance = decay, self._sd**2 * (1 - decay**2)
+        self._disturbed, self._nd = model, len(model.added)
+        self._scoring = filter_library(
+            *(self.model, self.output_names, self.sensitive),
+            *("scored_innovations.c", "twinproof_scored"),
+        )
         self._where = np.array(
             [self.parameter_names.index(name) for name in self.sensitive], dtype=np.int32
         )
@@ -117,7 +99,7 @@ class ScoredFilter(Shooting):
 
     def set_values(self, values: Mapping[str, float]) -> None:
         """Believe other parameters from the next sample on; the state stays."""
-        given = {**self.dae.parameter_values, **disturbed_values(values, self._added)}
+        given = {**self.dae.parameter_values, **disturbed_values(values, self._disturbed.added)}
         self.values = {name: given[name] for name in self.parameter_names}
         self._p = self.parameter_vector(given)
 
@@ -153,15 +135,16 @@ class ScoredFilter(Shooting):
         u, y = np.ascontiguousarray(inputs, float), np.ascontiguousarray(outputs, float)
         v, s = np.empty(y.shape), np.empty(y.shape)
         score, information, states = np.empty(k), np.empty((k, k)), np.empty((n, self.nx))
-        none, r = np.zeros(self.nx), self._noise**2
+        d = self._disturbed
+        none, r = np.zeros(self.nx), d.noise_sd**2
         scratch = np.empty(len(self._p))
-        finite = self._library_scored.twinproof_scored(
+        finite = self._scoring.twinproof_scored(
             *(n, self._nd, substeps(self.h), ctypes.c_double(self.h), ctypes.c_double(self._time)),
-            *(_at(a) for a in (u, self.ramps, y, self._p)),
+            *(pointer(a) for a in (u, self.ramps, y, self._p)),
             len(self._p),
-            *(_at(a) for a in (self._where, self._decay, self._added_variance, none, r)),
-            *(_at(a) for a in (self._z, self._P, self._Z, v, s, score, information, states)),
-            _at(scratch),
+            *(pointer(a) for a in (self._where, d.decay, d.added_variance, none, r)),
+            *(pointer(a) for a in (self._z, self._P, self._Z, v, s, score, information, states)),
+            pointer(scratch),
         )
         self._time += n * self.h
         if finite < n or not np.all(np.isfinite(score)):
@@ -182,20 +165,6 @@ class ScoredFilter(Shooting):
             seen = outputs[0, output]
             if np.isfinite(seen):
                 self._z[i] = seen / gain
-                self._P[i, i] = (3 * self._noise[output] / gain) ** 2
-        self._P[nx:, nx:] = np.diag(self._sd**2)
+                self._P[i, i] = (3 * self._disturbed.noise_sd[output] / gain) ** 2
+        self._P[nx:, nx:] = np.diag(self._disturbed.sd**2)
         self._begun = True
-
-
-def _at(array: np.ndarray) -> ctypes.c_void_p:
-    return ctypes.c_void_p(array.ctypes.data)
-
-
-@lru_cache(maxsize=128)
-def _compiled_scored(
-    model: ExplicitModel, output_names: tuple[str, ...], sensitive: tuple[str, ...]
-) -> ctypes.CDLL:
-    source = step_code(model, output_names, sensitive, "scored_innovations.c")
-    library = ctypes.CDLL(str(shared_library(source)))
-    library.twinproof_scored.restype = ctypes.c_int
-    return library
