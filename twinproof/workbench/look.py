@@ -28,17 +28,32 @@ def look(project: Project) -> dict[str, Any]:
     errors: dict[str, dict[str, str]] = {}
     found: dict[str, Any] = {"errors": errors}
     model: Model | None = None
+    libraries: tuple[Path, ...] = ()
+    try:
+        libraries = project.library_folders()
+    except TwinproofError as error:
+        errors["libraries"] = said(error)
     if choices.model:
         try:
-            model = Model.of(choices.model)
+            model = Model.of(choices.model, libraries)
             found["model"] = _model(model)
         except TwinproofError as error:
             model = None
             errors["model"] = said(error)
+    if not _is_horizon(choices.horizon):
+        errors["horizon"] = {
+            "what": f"the horizon '{choices.horizon}' is not usable",
+            "where": choices.horizon,
+            "remedy": "write auto, free, or a length in seconds",
+        }
     sets = {s.name: s for s in list_sets()}
-    for field in ("recording", "holdout"):
-        word = getattr(choices, field)
+    words = [("recording", choices.recording), ("holdout", choices.holdout)]
+    words += [("also", word) for word in choices.also_words]
+    for number, (field, word) in enumerate(words):
         if not word:
+            continue
+        if field == "also" and word in [earlier for _, earlier in words[:number]]:
+            errors.setdefault("also", _given_twice(word))
             continue
         try:
             dbc = project.folder / choices.dbc if choices.dbc else None
@@ -50,10 +65,41 @@ def look(project: Project) -> dict[str, Any]:
                 }
                 dbc = None
             table, own = _open(project, word, dbc, set(sets))
-            found[field] = _record(project, table, own, model, dbc, word, errors, field)
+            record = _record(project, table, own, model, dbc, word, errors, field)
+            if field == "recording":
+                found[field] = record
+            elif all(not row["error"] for row in found.get("recording", {}).get("rows", [])):
+                _say_at_field(record, word, errors, field)
         except TwinproofError as error:
             errors.setdefault(field, said(error))
     return found
+
+
+def _is_horizon(word: str) -> bool:
+    if word in ("auto", "free"):
+        return True
+    try:
+        return 0.0 < float(word) < float("inf")
+    except ValueError:
+        return False
+
+
+def _given_twice(word: str) -> dict[str, str]:
+    return {
+        "what": f"{word} is given twice",
+        "where": word,
+        "remedy": "give each record once, and the unseen one here never",
+    }
+
+
+def _say_at_field(
+    record: Mapping[str, Any], word: str, errors: dict[str, dict[str, str]], field: str
+) -> None:
+    """Say what is wrong with a channel of a record whose rows are not shown."""
+    for row in record.get("rows", []):
+        if row["error"]:
+            what = f"{row['name']} in {word}: {row['error']}"
+            errors.setdefault(field, {"what": what, "where": word, "remedy": ""})
 
 
 def said(error: TwinproofError) -> dict[str, str]:

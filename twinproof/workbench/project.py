@@ -27,6 +27,7 @@ from foundation.files import write_text
 _SCHEMA = "twinproof/workbench/1"
 _STATE = "workbench.json"
 _MAP = "channels.toml"
+_FITS = ("identify", "diagnose", "improve")
 _SAFE_NAME = re.compile(r"[\w][\w .+-]*\Z")
 UPLOADS = {
     "recordings": (
@@ -54,6 +55,8 @@ class Choices:
         recording: The DATA that is fitted.
         holdout: Unseen DATA; empty: none.
         dbc: Describes CAN logs; empty: none.
+        also: Further DATA of the same machine, fitted at once; commas between them.
+        libraries: Folders of further Modelica libraries; commas between them.
         horizon: `auto`, `free` or a length [s].
         max_effects: For the automatic ladder.
         steps: What was added and accepted, in order.
@@ -63,6 +66,8 @@ class Choices:
     recording: str = ""
     holdout: str = ""
     dbc: str = ""
+    also: str = ""
+    libraries: str = ""
     horizon: str = "auto"
     max_effects: str = "4"
     steps: tuple[Step, ...] = ()
@@ -71,6 +76,20 @@ class Choices:
     def present_model(self) -> str:
         """The model with every accepted step."""
         return self.steps[-1].model if self.steps else self.model
+
+    @property
+    def also_words(self) -> tuple[str, ...]:
+        """The further DATA, one by one."""
+        return _words(self.also)
+
+    @property
+    def library_words(self) -> tuple[str, ...]:
+        """The folders of further libraries, one by one."""
+        return _words(self.libraries)
+
+
+def _words(text: str) -> tuple[str, ...]:
+    return tuple(word.strip() for word in text.split(",") if word.strip())
 
 
 TEXTS = tuple(f.name for f in fields(Choices) if f.name != "steps")
@@ -228,6 +247,8 @@ class Project:
             "model": choices.present_model,
             "recording": choices.recording + size,
             "dbc": choices.dbc,
+            "also": choices.also,
+            "libraries": choices.libraries,
             "horizon": choices.horizon,
             "channels": text,
         }
@@ -240,9 +261,40 @@ class Project:
             words += ["--map", _MAP]
         if choices.dbc:
             words += ["--dbc", choices.dbc]
+        if name in _FITS:
+            words += [part for word in choices.also_words for part in ("--also", word)]
+        words += self.library_options()
         if choices.horizon != "auto" and name != "diagnose":
             words += ["--horizon", choices.horizon]
         return shlex.join(words)
+
+    def library_options(self) -> list[str]:
+        """Return the further libraries as options of the command line."""
+        return [p for word in self.choices.library_words for p in ("--modelica-path", word)]
+
+    def library_folders(self) -> tuple[Path, ...]:
+        """Return the folders of further libraries.
+
+        Raises:
+            InputError: One of them is none.
+        """
+        found = tuple(self.folder / word for word in self.choices.library_words)
+        for folder, word in zip(found, self.choices.library_words, strict=True):
+            if not folder.is_dir():
+                raise InputError("no such folder", where=word, remedy="give the path of a folder")
+            if (folder / "package.mo").is_file():
+                raise InputError(
+                    "this folder is a package itself",
+                    where=word,
+                    remedy="give the folder that it is in",
+                )
+            if not any(folder.glob("*.mo")) and not any(folder.glob("*/package.mo")):
+                raise InputError(
+                    "no Modelica package in this folder",
+                    where=word,
+                    remedy="give the folder that holds the library's folder",
+                )
+        return found
 
     def _ignore_cache(self) -> None:
         self.cache.mkdir(parents=True, exist_ok=True)

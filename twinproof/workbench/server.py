@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import shlex
 import shutil
 from collections.abc import Awaitable, Mapping
 from dataclasses import asdict
@@ -165,7 +166,8 @@ def _commands(project: Project) -> list[str]:
         # A name of its own: the accepted file has fitted values of the model's own parameters too.
         path = f"{step.model.rpartition(':')[2]}.mo"
         added = "".join(f" --add {text}" for text in step.additions)
-        lines.append(f"twinproof extend {choices.model}{added} -o {path}")
+        libraries = "".join(f" {shlex.quote(word)}" for word in project.library_options())
+        lines.append(f"twinproof extend {choices.model}{added}{libraries} -o {path}")
     if choices.holdout:
         lines.append(
             project.command(

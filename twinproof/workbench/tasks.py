@@ -34,6 +34,9 @@ Progress = Callable[[str], None]
 Task = Callable[[Project, Mapping[str, str], Progress], None]
 
 
+_FIELD_OF = {"--horizon": "horizon", "--max-effects": "max_effects"}
+
+
 class FieldError(Exception):
     """A user's mistake, and the field of the form that it belongs to."""
 
@@ -63,9 +66,7 @@ def compare(project: Project, _arguments: Mapping[str, str], progress: Progress)
     """Compare the present model with the record."""
     model, recording = _present(project, progress)
     progress("simulating")
-    with of_field("horizon"):
-        horizon = project.choices.horizon
-    result = api.compare(model, recording, horizon=horizon)
+    result = api.compare(model, recording, horizon=project.choices.horizon)
     progress("drawing")
     _save_curves(project, result.problem, result.comparison)
     project.write_result(
@@ -78,8 +79,9 @@ def compare(project: Project, _arguments: Mapping[str, str], progress: Progress)
 def identify(project: Project, _arguments: Mapping[str, str], progress: Progress) -> None:
     """Fit the present model's parameters, then compare."""
     model, recording = _present(project, progress)
+    records = [recording, *_further(project, model)]
     progress("fitting the parameters")
-    result = api.identify(model, recording, horizon=project.choices.horizon)
+    result = api.identify(model, records, horizon=project.choices.horizon)
     progress("drawing")
     _save_curves(project, result.problem, result.comparison)
     project.write_result(
@@ -92,7 +94,7 @@ def identify(project: Project, _arguments: Mapping[str, str], progress: Progress
 def diagnose(project: Project, _arguments: Mapping[str, str], progress: Progress) -> None:
     """Find out what the present model lacks."""
     model, recording = _present(project, progress)
-    result = api.diagnose(model, recording, progress=progress)
+    result = api.diagnose(model, [recording, *_further(project, model)], progress=progress)
     progress("drawing")
     project.write_result(
         "diagnose",
@@ -105,9 +107,10 @@ def propose(project: Project, arguments: Mapping[str, str], progress: Progress) 
     """Write the model with one more effect, refit it, and show what changes."""
     choices = project.choices
     present, recording = _present(project, progress)
-    base = Model.of(choices.model)
+    base = _model(project, choices.model)
     earlier = choices.steps[-1].additions if choices.steps else ()
     number = len(choices.steps) + 1
+    records = [recording, *_further(project, present)]
     with of_field("add"):
         text = arguments.get("add", "").strip()
         if not text:
@@ -115,10 +118,10 @@ def propose(project: Project, arguments: Mapping[str, str], progress: Progress) 
         name = f"{base.source.short_name}_{number}"
         extended = api.extend(base, [*earlier, text], name=name)
     progress("fitting the model as it is")
-    before = api.identify(present, recording, horizon=choices.horizon)
+    before = api.identify(present, records, horizon=choices.horizon)
     progress(f"fitting it with {text.partition(',')[0]}")
     with_effect = Model(name, modelica=extended.source)
-    after = api.identify(with_effect, recording, horizon=before.horizon)
+    after = api.identify(with_effect, records, horizon=before.horizon)
     short: tuple[Comparison, Comparison] | None = None
     if after.horizon is None:
         progress("comparing over windows of 1 s")
@@ -172,7 +175,9 @@ def score(project: Project, _arguments: Mapping[str, str], progress: Progress) -
     words = [(choices.model, "", model)]
     for step in choices.steps:
         with of_field("model"):
-            words.append((step.model, step.additions[-1].partition(",")[0], Model.of(step.model)))
+            label = step.additions[-1].partition(",")[0]
+            words.append((step.model, label, _model(project, step.model)))
+    records = [recording, *_further(project, model)]
     # The last model says over which length errors are meaningful; one rule for all steps.
     horizon: float | str | None = choices.horizon
     if horizon == "auto":
@@ -181,7 +186,7 @@ def score(project: Project, _arguments: Mapping[str, str], progress: Progress) -
     steps: list[pieces.Scored] = []
     for number, (_, label, one) in enumerate(words):
         progress(f"fitting step {number} of {len(words) - 1}")
-        fitted = api.identify(one, recording, horizon=horizon)
+        fitted = api.identify(one, records, horizon=horizon)
         unseen: Comparison | None = None
         if choices.holdout:
             with of_field("holdout"):
@@ -224,6 +229,7 @@ def improve(project: Project, _arguments: Mapping[str, str], progress: Progress)
     model, recording = _read(project, choices.model, choices.recording, "recording", progress)
     with of_field("holdout"):
         unseen = _recording(project, choices.holdout, model)
+    records = [recording, *_further(project, model)]
     with of_field("max_effects"):
         try:
             most = int(choices.max_effects)
@@ -237,7 +243,7 @@ def improve(project: Project, _arguments: Mapping[str, str], progress: Progress)
         more=["--holdout", choices.holdout, "--max-effects", str(most), "-o", "improved"],
     )
     result = api.improve(
-        model, recording, unseen, max_effects=most, horizon=choices.horizon, progress=progress
+        model, records, unseen, max_effects=most, horizon=choices.horizon, progress=progress
     )
     files = write_improvement(result, Path("improved"), command=command, progress=progress)
     project.write_result("improve", {**documents.improved(result, files), "command": command}, "")
@@ -246,7 +252,7 @@ def improve(project: Project, _arguments: Mapping[str, str], progress: Progress)
 def export(project: Project, _arguments: Mapping[str, str], progress: Progress) -> None:
     """Translate the present model to an FMU."""
     with of_field("model"):
-        model = Model.of(project.choices.present_model)
+        model = _model(project, project.choices.present_model)
         progress("translating to C, compiling")
         path = Path("models") / f"{model.source.short_name}.fmu"
         path.parent.mkdir(exist_ok=True)
@@ -257,7 +263,11 @@ def export(project: Project, _arguments: Mapping[str, str], progress: Progress) 
             "schema": "twinproof/export/1",
             "fmu": str(path),
             "command": shlex.join(
-                ["twinproof", "export", project.choices.present_model, "-o", str(path)]
+                [
+                    *("twinproof", "export", project.choices.present_model),
+                    *project.library_options(),
+                    *("-o", str(path)),
+                ]
             ),
         },
         "",
@@ -281,12 +291,29 @@ def run(name: str, folder: Path, arguments: Mapping[str, str], progress: Progres
     folder.mkdir(parents=True, exist_ok=True)
     # Words such as models/axis.mo:Axis mean the same here as on the command line.
     os.chdir(folder)
-    TASKS[name](Project(folder), arguments, progress)
+    try:
+        TASKS[name](Project(folder), arguments, progress)
+    except TwinproofError as error:
+        if error.where in _FIELD_OF:
+            raise FieldError(_FIELD_OF[error.where], error) from error
+        raise
 
 
 def _present(project: Project, progress: Progress) -> tuple[Model, Recording]:
     choices = project.choices
     return _read(project, choices.present_model, choices.recording, "recording", progress)
+
+
+def _model(project: Project, word: str) -> Model:
+    with of_field("libraries"):
+        libraries = project.library_folders()
+    return Model.of(word, libraries)
+
+
+def _further(project: Project, model: Model) -> list[Recording]:
+    """Return the further records of the same machine."""
+    with of_field("also"):
+        return [_recording(project, word, model) for word in project.choices.also_words]
 
 
 def _read(
@@ -296,7 +323,7 @@ def _read(
     with of_field("model"):
         if not word:
             raise InputError("no model is chosen", remedy="choose one, under Data")
-        model = Model.of(word)
+        model = _model(project, word)
         _ = model.dae
     with of_field(field):
         if not data:

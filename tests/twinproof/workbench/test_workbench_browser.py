@@ -9,15 +9,19 @@ import os
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from playwright.sync_api import Page, expect
 
+from fmus.running import simulate_model
 from tests.twinproof.workbench.conftest import Running
+from twinproof import Model, extend
 from twinproof.workbench import curves
 from twinproof.workbench.project import Project
 
 PICTURES = Path(__file__).parents[3] / "docs" / "pictures"
 EMPS = "Twinproof.Plants.Positioner"
+PENDULUM = "Twinproof.Plants.Pendulum"
 
 
 def tab(page: Page, name: str) -> None:
@@ -124,6 +128,72 @@ def test_the_whole_journey_on_measured_data(page: Page, workbench: Running) -> N
     page.locator("#undo").click()
     expect(page.locator("#steps li")).to_have_count(1)
     assert (workbench.folder / "models" / "Positioner_2.mo").exists()
+
+
+def lab(folder: Path) -> None:
+    """Write a library with an effect, and three swings of a pendulum that has it."""
+    package = folder / "lab" / "Lab"
+    package.mkdir(parents=True)
+    (package / "package.mo").write_text('within ;\npackage Lab "Ours"\nend Lab;\n')
+    (package / "CableGuide.mo").write_text(
+        """within Lab;
+model CableGuide "A cable guide that pulls harder the further it is bent"
+  extends Twinproof.Interfaces.RotationalEffect;
+  parameter Real k_g(unit = "N.m/rad3", min = 0, nominal = 1) = 0 "Stiffness of the guide";
+equation
+  flange.tau = k_g * phi^3;
+end CableGuide;
+"""
+    )
+    roots = (folder / "lab",)
+    truth = extend(Model.of(PENDULUM, roots), ["CableGuide@joint,k_g=0.8"]).source
+    (folder / "recordings").mkdir()
+    rng = np.random.default_rng(5)
+    time = np.arange(400) / 100
+    for number, name in enumerate(("one", "two", "unseen"), start=1):
+        tau = 2.5 * np.sin(2.0 * number * time) + np.sin(5.0 * time)
+        run = simulate_model(truth, roots=roots, inputs=(time, {"tau": tau}), stop=3.99, step=0.01)
+        noisy = {n: y + 1e-3 * rng.standard_normal(len(y)) for n, y in run.columns.items()}
+        frame = pd.DataFrame({"time": time, "tau": tau, **noisy})
+        frame.to_csv(folder / "recordings" / f"{name}.csv", index=False)
+
+
+def test_small_records_and_an_effect_of_ones_own_to_the_end(page: Page, workbench: Running) -> None:
+    lab(workbench.folder)
+    say(page, "model", PENDULUM)
+    say(page, "recording", "recordings/one.csv")
+    say(page, "also", "recordings/one.csv")
+    expect(page.locator("#error-also")).to_contain_text("given twice")
+    say(page, "also", "recordings/two.csv")
+    expect(page.locator("#error-also")).to_be_empty()
+    say(page, "holdout", "recordings/unseen.csv")
+    say(page, "libraries", "lab/Lab")
+    expect(page.locator("#error-libraries")).to_contain_text("give the folder that it is in")
+    say(page, "libraries", "lab")
+    expect(page.locator("#error-libraries")).to_be_empty()
+
+    tab(page, "add")
+    page.locator("#add-text").fill("CableGuide@joint,k_g=0.3")
+    work(page, "#propose")
+    expect(page.locator('[data-piece="change"]')).to_contain_text("cableGuide_joint.k_g")
+    page.locator("#accept").click()
+    expect(page.locator("#steps li")).to_have_count(1)
+    tab(page, "ladder")
+    work(page, '[data-task="score"]')
+    expect(page.locator('[data-piece="ladder"] tbody tr')).to_have_count(2)
+    tab(page, "export")
+    work(page, '[data-task="export"]')
+    expect(page.locator('#exports a[href="/files/models/Pendulum_1.fmu"]')).to_be_visible()
+    identify = "identify models/Pendulum_1.mo:Pendulum_1 recordings/one.csv"
+    options = "--also recordings/two.csv --modelica-path lab"
+    expect(page.locator("#commands")).to_contain_text(f"{identify} {options}")
+
+    found = Project(workbench.folder).result("ladder")
+    assert found is not None
+    before, after = found["ladder"]
+    k_g = next(p for n, p in after["parameters"].items() if n.endswith("k_g"))
+    assert abs(k_g["value"] - 0.8) < 4 * k_g["sd"] < 0.1
+    assert after["holdout"]["nrmse"] < 0.2 * before["holdout"]["nrmse"]
 
 
 def test_the_demo_and_a_cancelled_diagnosis(page: Page) -> None:

@@ -105,6 +105,14 @@ def test_uploads_are_whole_or_absent(workbench: Running) -> None:
         ("recording", "recordings/bad.blf", ""),
         ("holdout", "emp", "emps"),
         ("dbc", "nothing.dbc", "nothing.dbc"),
+        ("also", "nothing.csv", "no such file"),
+        ("also", "recordings/other.csv, recordings/run.csv", "run.csv is given twice"),
+        ("also", "recordings/short.csv", "vir in recordings/short.csv"),
+        ("libraries", "nowhere", "no such folder"),
+        ("libraries", "recordings", "no Modelica package"),
+        ("libraries", "lab/Lab", "the folder that it is in"),
+        ("horizon", "soon", "auto, free"),
+        ("horizon", "-1", "auto, free"),
     ],
 )
 def test_a_wrong_word_is_told_at_its_field(
@@ -112,8 +120,13 @@ def test_a_wrong_word_is_told_at_its_field(
 ) -> None:
     folder = workbench.folder / "recordings"
     folder.mkdir()
-    (folder / "run.csv").write_text("time,vir,q\n" + "".join(f"{k},0,{k}\n" for k in range(30)))
-    if word.startswith("recordings/"):
+    rows = "".join(f"{k},0,{k}\n" for k in range(30))
+    (folder / "run.csv").write_text("time,vir,q\n" + rows)
+    (folder / "other.csv").write_text("time,vir,q\n" + rows.replace("9", "8"))
+    (folder / "short.csv").write_text("time,volts,q\n" + rows)
+    (workbench.folder / "lab" / "Lab").mkdir(parents=True)
+    (workbench.folder / "lab" / "Lab" / "package.mo").write_text("package Lab end Lab;")
+    if word.startswith("recordings/bad."):
         (workbench.folder / word).write_bytes(b"\x00\xffnot what the name says\n")
     change(workbench, model="Twinproof.Plants.Positioner", recording="recordings/run.csv")
     settled(workbench)

@@ -21,6 +21,9 @@ const FIELDS = {
   holdout: { label: "Unseen recording", list: "recordings", folder: "recordings",
     accept: ".csv,.parquet,.mat,.mf4,.blf,.asc,.log,.gz,.trc", hint: "Of the same machine; only scored, never fitted" },
   dbc: { label: "DBC file", list: "dbcs", folder: "recordings", accept: ".dbc", hint: "Describes a CAN log; leave empty otherwise" },
+  also: { label: "Further recordings", list: "recordings", folder: "recordings", several: true,
+    accept: ".csv,.parquet,.mat,.mf4,.blf,.asc,.log,.gz,.trc", hint: "Of the same machine, fitted at once with the first; commas between them" },
+  libraries: { label: "Modelica libraries", hint: "Folders that hold further libraries, with effects of your own; commas between them" },
   horizon: { label: "Horizon", hint: "auto, free, or the length of windows in seconds" },
 };
 
@@ -94,7 +97,7 @@ function run(task, more = {}) {
 }
 
 async function upload(field, file) {
-  const { folder } = FIELDS[field];
+  const { folder, several } = FIELDS[field];
   errors[field] = "";
   render();
   const box = $(`#hint-${field}`), hint = box.textContent;
@@ -107,7 +110,8 @@ async function upload(field, file) {
     errors[field] = sentence(found);
     return render();
   }
-  return send("PATCH", "/api/state", { [field]: found.word }, field);
+  const words = several ? state.choices[field].split(",").map((word) => word.trim()).filter(Boolean) : [];
+  return send("PATCH", "/api/state", { [field]: [...new Set([...words, found.word])].join(", ") }, field);
 }
 
 // ---- showing the state
