@@ -34,5 +34,6 @@ def set_up(level: int = logging.INFO) -> None:
     root = logging.getLogger()
     root.handlers[:] = [handler]
     root.setLevel(level)
-    # One line a request is for debugging: 200 readers would drown the rest.
-    logging.getLogger("uvicorn.access").setLevel(logging.WARNING)
+    # One line a request, or a step of a library's, would drown the rest.
+    for name in ("uvicorn.access", "alembic", "pint"):
+        logging.getLogger(name).setLevel(logging.ERROR if name == "pint" else logging.WARNING)

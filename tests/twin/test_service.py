@@ -1,5 +1,7 @@
 """The service: verification in the background, faults said and recovered from, reload, apart."""
 
+import json
+import logging
 import threading
 import time
 
@@ -9,6 +11,7 @@ from scripted import drift, scripted_service, settle, write_config
 
 from foundation.errors import ComputationError, InputError, StoreError
 from twin.apart import apart
+from twin.logs import set_up
 from twin.store import Store
 
 
@@ -163,6 +166,26 @@ def test_it_can_be_looked_at_while_it_is_fed(service):
     for thread in threads:
         thread.join()
     assert faults == []
+
+
+def test_logs_are_lines_of_json_with_what_was_given(capsys):
+    root = logging.getLogger()
+    before, level = root.handlers[:], root.level
+    try:
+        set_up()
+        log = logging.getLogger("twinproof.test")
+        log.warning("a word", extra={"twin": "robot", "value": 1.5})
+        try:
+            raise ValueError("broken")
+        except ValueError:
+            log.exception("failed")
+    finally:
+        root.handlers[:] = before
+        root.setLevel(level)
+    first, second = map(json.loads, capsys.readouterr().err.splitlines())
+    assert first["message"] == "a word"
+    assert (first["level"], first["twin"], first["value"]) == ("warning", "robot", 1.5)
+    assert "ValueError: broken" in second["exception"]
 
 
 def test_it_ends_in_order_and_takes_what_had_come(tmp_path):
