@@ -437,14 +437,17 @@ class Monitor:
             return None
         data, plant = self.pipeline.predictions, self.pipeline.plant
         label, values = self._effect
+        # What was recorded before the effect appeared would make it smaller than it is.
+        since = -np.inf if self._life.drift is None else self._life.drift
+        begin = int(np.searchsorted(data.time, since))
         return Improvement(
             self.settings.plant.model,
             self._roots,
             label,
             values,
             1.0 / self.settings.rate,
-            data.inputs,
-            data.measured,
+            data.inputs[begin:],
+            data.measured[begin:],
             data.output_names,
             plant.noise_sd,
             plant.free,

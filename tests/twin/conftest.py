@@ -5,6 +5,7 @@ import pwd
 import shutil
 import socket
 import subprocess
+import tempfile
 from pathlib import Path
 
 import pytest
@@ -20,18 +21,17 @@ def _program(name):
 
 
 @pytest.fixture(scope="session")
-def postgres(tmp_path_factory):
+def postgres():
     """URL of a real server, without a database's name."""
     initdb, server = _program("initdb"), _program("postgres")
     if initdb is None or server is None:
         pytest.skip("no PostgreSQL server")
-    folder = tmp_path_factory.mktemp("postgres")
+    # Not in pytest's folder, which every run of pytest closes to all users but its own.
+    folder = Path(tempfile.mkdtemp(prefix="twin-postgres-"))
     options = {}
     if os.getuid() == 0:  # the server refuses to run as root
         user = pwd.getpwnam("postgres")
         os.chown(folder, user.pw_uid, user.pw_gid)
-        for parent in [folder, *folder.parents][:3]:
-            parent.chmod(parent.stat().st_mode | 0o011)
         options = {"user": user.pw_uid, "group": user.pw_gid, "extra_groups": []}
     data = folder / "data"
     command = [initdb, "-D", data, "-U", "twin", "-A", "trust", "-E", "UTF8", "--no-sync"]
@@ -54,6 +54,7 @@ def postgres(tmp_path_factory):
     finally:
         process.terminate()
         process.wait(30)
+        shutil.rmtree(folder, ignore_errors=True)
 
 
 def _wait(url):

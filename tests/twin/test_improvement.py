@@ -81,7 +81,7 @@ class WithData(Script):
     def predictions(self):
         inputs, outputs = swinging(2.0)
         return SimpleNamespace(
-            time=0.01 * np.arange(200),
+            time=self.newest - 2.0 + 0.01 * np.arange(200),
             inputs=inputs,
             output_names=("theta", "omega"),
             measured=outputs,
