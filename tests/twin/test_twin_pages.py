@@ -127,6 +127,7 @@ def test_the_fleet_and_the_events(page, site):
     assert kinds[:2] == ["gate", "drift"]
     page.locator("#kind").select_option("promoted")
     page.locator("[data-kind=drift]").wait_for(state="detached")
+    page.locator("[data-kind=promoted]").wait_for()
     assert page.locator("#events > li").count() == 1
     page.locator("#twin").select_option("")
     wait_for_text(page, "#events", "robot")
