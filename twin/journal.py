@@ -9,7 +9,8 @@ from collections.abc import Callable, Sequence
 from foundation.errors import StoreError
 from twin.audit import Entry
 from twin.events import Event, EventKind
-from twin.store.store import Action, Store
+from twin.store.actions import Action
+from twin.store.store import Store
 
 SERVICE = ""
 """In place of a twin's name: events of the service itself."""

@@ -21,8 +21,7 @@ from twin.improvement import Improvement, with_model
 from twin.journal import Journal
 from twin.lifecycle import Life, Pace, after, due, refused, rolled_back, verified
 from twin.settings import TwinSettings
-from twin.store.documents import Evidence, ParameterSet
-from twin.store.store import (
+from twin.store.actions import (
     Action,
     promote,
     roll_back,
@@ -31,6 +30,7 @@ from twin.store.store import (
     save_set,
     save_twin,
 )
+from twin.store.documents import Evidence, ParameterSet
 from twin.verification import Job, controller_hash, file_hash, study_hash
 
 Array: TypeAlias = npt.NDArray[np.float64]

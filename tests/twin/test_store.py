@@ -32,8 +32,7 @@ from twin.store import (
     restore,
     upgrade,
 )
-from twin.store.history import Retention
-from twin.store.store import (
+from twin.store.actions import (
     promote,
     roll_back,
     save_artifact,
@@ -41,6 +40,7 @@ from twin.store.store import (
     save_set,
     save_twin,
 )
+from twin.store.history import Retention
 from twin.store.tables import Base
 
 SET = ParameterSet(

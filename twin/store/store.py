@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -16,6 +16,7 @@ from foundation.closing import Closing
 from foundation.errors import InputError, StoreError, UnknownNameError
 from twin.audit import Audit, Entry, Head, KeyFile, canonical, check, code, content_hash
 from twin.events import JSON, Event, EventKind
+from twin.store.actions import Action, in_force
 from twin.store.database import WRITING, open_database, said_plainly, upgrade
 from twin.store.documents import Evidence, ParameterSet, SetState, TwinRecord
 from twin.store.history import Retention, Span, down_sample
@@ -31,9 +32,6 @@ from twin.store.tables import (
 )
 
 _BATCH = 1000
-
-Action = Callable[[Session], None]
-"""Something done in the transaction that appends to the log."""
 
 
 class Store(Closing):
@@ -242,7 +240,7 @@ class Store(Closing):
     def verified(self, twin: str) -> tuple[ParameterSet, Evidence] | None:
         """Return the parameter set in force and the evidence for it."""
         with self._read() as session:
-            row = session.scalars(_in_force(twin)).first()
+            row = next(iter(in_force(session, twin)), None)
             if row is None or row.evidence is None:
                 return None
             evidence = session.get(EvidenceRow, row.evidence)
@@ -362,120 +360,6 @@ class Store(Closing):
         except StoreError:
             return False
         return True
-
-
-# What goes into the same transaction as the events that tell it
-
-
-def save_twin(record: TwinRecord) -> Action:
-    """Return the action that keeps a twin's state."""
-
-    def action(session: Session) -> None:
-        session.merge(TwinRow(**vars(record)))
-
-    return action
-
-
-def save_set(parameters: ParameterSet) -> Action:
-    """Return the action that keeps a candidate; one that is there keeps its state."""
-
-    def action(session: Session) -> None:
-        if session.get(ParameterSetRow, parameters.id) is None:
-            session.add(
-                ParameterSetRow(
-                    id=parameters.id,
-                    twin=parameters.twin,
-                    time=parameters.time,
-                    state=SetState.CANDIDATE.value,
-                    document=canonical(parameters.document()),
-                )
-            )
-
-    return action
-
-
-def save_evidence(evidence: Evidence) -> Action:
-    """Return the action that keeps evidence; its set is refused if it did not pass."""
-
-    def action(session: Session) -> None:
-        if session.get(EvidenceRow, evidence.id) is None:
-            session.add(
-                EvidenceRow(
-                    id=evidence.id,
-                    twin=evidence.twin,
-                    time=evidence.time,
-                    passed=evidence.passed,
-                    document=canonical(evidence.document()),
-                )
-            )
-        row = session.get(ParameterSetRow, evidence.parameters)
-        if row is not None and row.state == SetState.CANDIDATE.value:
-            row.evidence = evidence.id
-            if not evidence.passed:
-                row.state = SetState.REFUSED.value
-
-    return action
-
-
-def promote(id_: str, evidence: str, time: float) -> Action:
-    """Return the action that puts a set into force.
-
-    Raises (the action):
-        InputError: The evidence is not kept, is of another set, or did not pass.
-    """
-
-    def action(session: Session) -> None:
-        row = session.get(ParameterSetRow, id_)
-        kept = session.get(EvidenceRow, evidence)
-        found = None if kept is None else Evidence.of(json.loads(kept.document))
-        if row is None or found is None or found.parameters != id_ or not found.passed:
-            raise InputError(
-                f"no passed verification is about parameter set {id_[:12]}",
-                remedy="verify it first",
-            )
-        for other in session.scalars(_in_force(row.twin)):
-            if other.id != id_:
-                other.state = SetState.RETIRED.value
-        row.state, row.promoted, row.evidence = SetState.VERIFIED.value, time, evidence
-
-    return action
-
-
-def roll_back(twin: str, to: str) -> Action:
-    """Return the action that refuses the set in force and puts an earlier one in its place."""
-
-    def action(session: Session) -> None:
-        for row in session.scalars(_in_force(twin)):
-            row.state = SetState.REFUSED.value
-        row = session.get(ParameterSetRow, to)
-        if row is None or row.twin != twin or row.state != SetState.RETIRED.value:
-            raise InputError(
-                f"parameter set {to[:12]} was never in force", remedy="choose a retired one"
-            )
-        row.state = SetState.VERIFIED.value
-
-    return action
-
-
-def save_artifact(
-    id_: str, kind: str, name: str, time: float, parents: Iterable[str] = ()
-) -> Action:
-    """Return the action that gives something its place in the lineage."""
-    listed = [p for p in dict.fromkeys(parents) if p != id_]
-
-    def action(session: Session) -> None:
-        if session.get(ArtifactRow, id_) is None:
-            session.add(ArtifactRow(id=id_, kind=kind, name=name, time=time))
-        for parent in listed:
-            session.merge(LinkRow(child=id_, parent=parent))
-
-    return action
-
-
-def _in_force(twin: str) -> Any:
-    return select(ParameterSetRow).where(
-        ParameterSetRow.twin == twin, ParameterSetRow.state == SetState.VERIFIED.value
-    )
 
 
 def _entry(event: Event, number: int, logged: float) -> Entry:
