@@ -86,7 +86,27 @@ def _scenario(folder: Path, duration: float) -> HilResult:
     return run_scenario(scenario_of(table))
 
 
+def _stalls(seconds: float) -> Iterator[Figure]:
+    """Deadlines that any program would miss here: a loop that does nothing but read the clock.
+
+    What keeps it from the processor for longer than a cycle (another program, or the host of a
+    virtual machine) would have kept the plant's loop as well.
+    """
+    gaps: list[float] = []
+    end = (last := time.perf_counter()) + seconds
+    while last < end:
+        now = time.perf_counter()
+        if now - last > 1e-3:
+            gaps.append(now - last)
+        last = now
+    missed = sum(int(gap / 1e-3) for gap in gaps)
+    share = 100 * missed / (1000 * seconds)
+    yield Figure("machine: deadlines of 1 kHz lost to stalls, no loop", share, None, "%")
+    yield Figure("machine: longest stall", 1e3 * max(gaps, default=0.0), None, "ms")
+
+
 def _real_time(folder: Path) -> Iterator[Figure]:
+    yield from _stalls(60.0)
     result = _scenario(folder, 60.0)
     loop = result.loop
     share = 100 * loop.missed / loop.trace.count
