@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from fmus.archive import describe
 from fmus.frontend import load
 from fmus.running import model_fmu
-from fmus.sources import find_source
 from foundation.errors import DivergenceError
 from foundation.files import write_text
 from hil.bus.dbc import bundled_dbc
@@ -21,7 +20,7 @@ from hil.plants import Fit
 from identification.discovery.extension import extend, parse_addition
 from identification.discovery.transfer import transfer_problem
 from identification.estimators.kalman import most_likely
-from identification.problem import Problem
+from twin.excerpt import Excerpt
 from twin.settings import TwinBus, TwinSettings
 
 Array = NDArray[np.float64]
@@ -33,31 +32,15 @@ class Improvement:
     """An effect, and the data to fit it to.
 
     Attributes:
-        model: MODEL without it.
-        roots: Folders of further Modelica libraries.
+        data: With MODEL without it, the parameters to fit beside its own, and where they start.
         effect: `EFFECT@PLACE`.
         effect_values: Its parameters, as far as they are known.
-        sample_time: [s].
-        inputs: (n, nu).
-        outputs: (n, ny); NaN where missing.
-        output_names: Measured variables.
-        noise_sd: (ny,) of the sensors.
-        free: Parameters to fit beside the effect's.
-        values: Of the model's parameters, to start from.
         folder: Where the improved model's text goes.
     """
 
-    model: str
-    roots: tuple[Path, ...]
+    data: Excerpt
     effect: str
     effect_values: Mapping[str, float]
-    sample_time: float
-    inputs: Array
-    outputs: Array
-    output_names: tuple[str, ...]
-    noise_sd: Array
-    free: tuple[str, ...]
-    values: Mapping[str, float]
     folder: Path
 
 
@@ -87,32 +70,22 @@ def improve(wanted: Improvement) -> Improved:
     Raises:
         TwinproofError: The model cannot be extended, or the data do not tell its parameters.
     """
-    source = find_source(wanted.model, wanted.roots)
+    source = wanted.data.source
     settings = "".join(f",{name}={value!r}" for name, value in wanted.effect_values.items())
     addition = parse_addition(f"{wanted.effect}{settings}", source)
     base, extended = extend(source, []), extend(source, [addition])
-    kept = [j for j in range(len(wanted.output_names)) if np.any(np.isfinite(wanted.outputs[:, j]))]
-    problem = Problem(
-        load(source),
-        wanted.sample_time * np.arange(len(wanted.outputs), dtype=np.float64),
-        wanted.inputs,
-        np.ascontiguousarray(wanted.outputs[:, kept]),
-        tuple(wanted.output_names[j] for j in kept),
-        wanted.noise_sd[kept],
-        wanted.free,
-        dict(wanted.values),
-    )
     added = {
         extended.parameter_of(addition, name): value for name, value in wanted.effect_values.items()
     }
-    problem = transfer_problem(problem, extended, wanted.values, base, added=added)
+    data = wanted.data
+    problem = transfer_problem(data.problem(), extended, data.values, base, added=added)
     # What the effect's author declares free and what was free before; the rest stays.
     found = most_likely(problem, problem.values)
     covariance = np.asarray(found.covariance, dtype=float)
     if not np.all(np.isfinite(covariance)):
         raise DivergenceError(
             f"the data do not tell the parameters of {wanted.effect}",
-            where=wanted.model,
+            where=data.model,
             remedy="excite the plant more, and ask for a verification",
         )
     known = load(extended.source).parameter_values

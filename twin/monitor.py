@@ -4,22 +4,19 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Protocol, TypeAlias
-
-import numpy as np
-import numpy.typing as npt
 
 from foundation.errors import InputError, TwinproofError
-from hil.plants import Fit
 from recordings.readers.can_frames import Frames
-from twin.estimate import Estimate
+from twin.candidates import estimated, excerpt, identified, known_values
 from twin.events import JSON, Event, EventKind
+from twin.follower import Follower
 from twin.gate import Decision, Limits, Question, Situation, decide
 from twin.improvement import Improvement, with_model
 from twin.journal import Journal
 from twin.lifecycle import Life, Pace, after, due, refused, rolled_back, verified
+from twin.lineage import Recorded, lineage
 from twin.settings import TwinSettings
 from twin.store.actions import (
     Action,
@@ -31,124 +28,12 @@ from twin.store.actions import (
     save_twin,
 )
 from twin.store.documents import Evidence, ParameterSet
-from twin.verification import Job, controller_hash, file_hash, study_hash
+from twin.verification import Job, controller_hash, file_hash, fit_of, study_hash
 
-Array: TypeAlias = npt.NDArray[np.float64]
 MODELS = "models"
 """Folder beside the settings, for models that effects were added to."""
 AUTOMATIC = "service"
 """In place of a token's name: nobody was asked."""
-
-
-class Samples(Protocol):
-    """Outputs over the last while, as columns."""
-
-    @property
-    def time(self) -> Array:
-        """(n,) [s]."""
-        ...
-
-    @property
-    def inputs(self) -> Array:
-        """(n, nu)."""
-        ...
-
-    @property
-    def output_names(self) -> tuple[str, ...]:
-        """Of the columns."""
-        ...
-
-    @property
-    def measured(self) -> Array:
-        """(n, ny); NaN where missing."""
-        ...
-
-    @property
-    def predicted(self) -> Array:
-        """(n, ny)."""
-        ...
-
-
-class Health(Protocol):
-    """How the data are."""
-
-    @property
-    def counts(self) -> Mapping[str, int]:
-        """What was received, lost, refused, by reason."""
-        ...
-
-
-class Plant(Protocol):
-    """The plant as a pipeline sees it."""
-
-    @property
-    def noise_sd(self) -> Array:
-        """(ny,) of the sensors."""
-        ...
-
-    @property
-    def free(self) -> tuple[str, ...]:
-        """Parameters that are followed."""
-        ...
-
-
-class Follower(Protocol):
-    """What a monitor needs of a pipeline."""
-
-    @property
-    def plant(self) -> Plant:
-        """Its model."""
-        ...
-
-    @property
-    def estimate(self) -> Estimate | None:
-        """The newest one."""
-        ...
-
-    @property
-    def newest(self) -> float | None:
-        """Time of the newest good data [s]."""
-        ...
-
-    @property
-    def drift(self) -> Mapping[str, JSON]:
-        """The tests as they stand: `statistics`, `threshold`, …"""
-        ...
-
-    @property
-    def health(self) -> Health:
-        """How the data are."""
-        ...
-
-    @property
-    def predictions(self) -> Samples:
-        """Measured and predicted, of the last while."""
-        ...
-
-    def feed(self, frames: Frames) -> list[Event]:
-        """Take frames and say what happened."""
-        ...
-
-    def idle(self, now: float) -> list[Event]:
-        """Say what happened because nothing came."""
-        ...
-
-    def verify(self, parameters: ParameterSet) -> None:
-        """Compare with these parameters from now on."""
-        ...
-
-
-@dataclass(frozen=True)
-class Recorded:
-    """Recorded frames that an estimate comes from.
-
-    Attributes:
-        name: File and how much of it.
-        sha256: Of that much.
-    """
-
-    name: str
-    sha256: str
 
 
 class Monitor:
@@ -195,7 +80,11 @@ class Monitor:
             self._unverify(self._life.record.because or "the model was changed")
         if self._in_force is None:
             self._unverify(self._life.record.because or "nothing is verified")
-        start = self._in_force[0] if self._in_force is not None else self._first()
+        start = (
+            self._in_force[0]
+            if self._in_force is not None
+            else identified(self.settings, self._model, clock())
+        )
         self.pipeline = pipeline(self.settings, start)
         self._start = start
         self._write(
@@ -216,7 +105,7 @@ class Monitor:
         if not model or self._in_force is None:
             return
         try:
-            fit = _fit(self._in_force[0])
+            fit = fit_of(self._in_force[0])
             self.settings = with_model(self.settings, model, fit, self._roots)
         except TwinproofError as error:
             record = replace(self._life.record, model="")
@@ -337,17 +226,9 @@ class Monitor:
             telemetry=None if life.stale else self.pipeline.newest,
             followed_since=life.followed_since,
             estimate=None if estimate is None else estimate.time,
-            values=None if estimate is None else self._values(estimate),
+            values=None if estimate is None else known_values(estimate, self.reference),
             evidence=() if self._in_force is None else (self._in_force[1],),
         )
-
-    def _values(self, estimate: Estimate) -> dict[str, float]:
-        """Return what is followed, and what is held of what was verified.
-
-        The rest are defaults of the model, which its hash covers.
-        """
-        known = {*estimate.names, *self.reference.values}
-        return {n: float(v) for n, v in estimate.values.items() if n in known}
 
     def _gate_moved(self) -> list[Event]:
         decision = self.decide()
@@ -417,50 +298,22 @@ class Monitor:
         begun = max(since, self._life.drift or since)
         if estimate.time - begun < self.settings.verification.settle:
             return None
-        values = self._values(estimate)
-        matrix = np.asarray(estimate.covariance, dtype=float)
-        if not (np.all(np.isfinite(matrix)) and np.all(np.isfinite(list(values.values())))):
-            return None
-        return ParameterSet(
-            self.name,
-            float(estimate.time),
-            self._model,
-            estimate.names,
-            values,
-            tuple(tuple(row) for row in matrix.tolist()),
-            {"method": self.settings.estimator.kind, "model": self.settings.plant.model},
-        )
+        return estimated(self.settings, self._model, estimate, self.reference)
 
     def _improvement(self, candidate: ParameterSet) -> Improvement | None:
         """Return what must be added to the model first, if an effect was found."""
         if self._effect is None:
             return None
-        data, plant = self.pipeline.predictions, self.pipeline.plant
-        label, values = self._effect
-        # What was recorded before the effect appeared would make it smaller than it is.
-        since = -np.inf if self._life.drift is None else self._life.drift
-        begin = int(np.searchsorted(data.time, since))
-        return Improvement(
-            self.settings.plant.model,
-            self._roots,
-            label,
-            values,
-            1.0 / self.settings.rate,
-            data.inputs[begin:],
-            data.measured[begin:],
-            data.output_names,
-            plant.noise_sd,
-            plant.free,
-            candidate.values,
-            self.settings.file(MODELS).resolve(),
-        )
+        folder = self.settings.file(MODELS).resolve()
+        data = excerpt(self.settings, self._roots, self.pipeline, candidate)
+        return Improvement(data, *self._effect, folder)
 
     def _follow(self, parameters: ParameterSet) -> None:
         """Follow the plant on the model that these parameters are of, if it is another."""
         model = str(parameters.origin.get("model", ""))
         if parameters.model == self._model or not model:
             return
-        self.settings = with_model(self.settings, model, _fit(parameters), self._roots)
+        self.settings = with_model(self.settings, model, fit_of(parameters), self._roots)
         self._model = parameters.model
         self._effect = None
         newest = self.pipeline.newest
@@ -468,25 +321,6 @@ class Monitor:
         # The new filter knows nothing yet of the plant's state.
         record = replace(self._life.record, model=model)
         self._life = replace(self._life, record=record, followed_since=newest)
-
-    def _first(self) -> ParameterSet:
-        fit = self.settings.plant.fit
-        if fit is None:
-            raise InputError(
-                "the twin has no parameters to start from",
-                where=f"{self.settings.path}, twin {self.name}",
-                remedy='write parameters_from = "fit.json" (of `twinproof identify --json`)',
-            )
-        values = {**fit.values, **self.settings.plant.parameters}
-        return ParameterSet(
-            self.name,
-            self._clock(),
-            self._model,
-            fit.names,
-            {n: float(v) for n, v in values.items()},
-            tuple(tuple(row) for row in fit.covariance.tolist()),
-            {"method": "identify", "model": self.settings.plant.model},
-        )
 
     def conclude(
         self, job: Job, evidence: Evidence, recorded: Iterable[Recorded] = ()
@@ -520,7 +354,7 @@ class Monitor:
             actions = [
                 save_set(set_),
                 save_evidence(evidence),
-                *_lineage(job, evidence, list(recorded)),
+                *lineage(job, evidence, recorded),
             ]
             drifted = self._life.drift is not None and set_.time < self._life.drift
             if not evidence.passed:
@@ -653,28 +487,3 @@ class Monitor:
         """End in order."""
         with self.lock:
             self._write([Event(self._clock(), self.name, EventKind.STOPPED)])
-
-
-def _fit(parameters: ParameterSet) -> Fit:
-    size = len(parameters.names)
-    covariance = np.array(parameters.covariance, dtype=float).reshape(size, size)
-    return Fit(parameters.values, parameters.names, covariance)
-
-
-def _lineage(job: Job, evidence: Evidence, recorded: list[Recorded]) -> list[Action]:
-    """Return what gives a verification its place: recording → parameters → FMU → study."""
-    set_ = job.parameters
-    return [
-        *(save_artifact(r.sha256, "recording", r.name, set_.time) for r in recorded),
-        save_artifact(set_.id, "parameters", set_.twin, set_.time, [r.sha256 for r in recorded]),
-        save_artifact(evidence.model, "model", job.model, set_.time),
-        save_artifact(evidence.controller, "controller", job.controller.name, set_.time),
-        save_artifact(evidence.study, "study", job.study.name, set_.time),
-        save_artifact(
-            evidence.id,
-            "evidence",
-            set_.twin,
-            evidence.time,
-            [set_.id, evidence.model, evidence.study, evidence.controller],
-        ),
-    ]

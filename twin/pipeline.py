@@ -9,8 +9,8 @@ estimate; it predicts, and its score moves the estimate.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from concurrent.futures import Executor, Future
-from dataclasses import dataclass, field
+from concurrent.futures import Executor
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
@@ -18,27 +18,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from foundation.errors import DivergenceError
-from identification.online.scored_filter import ScoredFilter
 from recordings.readers.can_frames import Frames
-from twin.diagnosis import Finding, Suspicion, diagnose
-from twin.drift import Alarm, DriftMonitor
+from twin.drift_watch import DriftWatch
 from twin.estimate import Estimate
-from twin.estimation import FilterFit, KalmanFit, OnlineFit, shares_filter
+from twin.estimation import shares_filter
 from twin.events import JSON, Event, EventKind
-from twin.free_run import FreeRun, start_parameters
 from twin.history import History, Predictions
 from twin.ingest.decoder import Decoder
 from twin.ingest.sampler import Block, Sampler
 from twin.ingest.timeline import Slice, Timeline
-from twin.plant_model import PlantModel, plant_model, with_free_covariance
+from twin.parts import drift_monitor, free_run, online_fit, scored_filter
+from twin.plant_model import plant_model, with_free_covariance
 from twin.settings import TwinSettings
 from twin.telemetry import Change, Telemetry
 
 Array = NDArray[np.float64]
 
 _SLICE = 50_000_000
-_NAMING = 3.0
-"""After a drift is flagged, which parameter it was is said again with more data [s]."""
 _REPORT = 10.0
 """Between two events with the estimate [s]."""
 _KEPT = 20.0
@@ -88,27 +84,6 @@ class Health:
     free: Mapping[str, float]
 
 
-@dataclass
-class _Drift:
-    """A drift that has been flagged.
-
-    Attributes:
-        since: [s].
-        alarm: The last one.
-        named: Whether the parameter was said again.
-        asked: Whether a diagnosis was begun.
-        finding: Under way.
-        asked_at: Time of the diagnosis' data [s].
-    """
-
-    since: float
-    alarm: Alarm
-    named: bool = False
-    asked: bool = False
-    finding: Future[Finding] | None = field(default=None, repr=False)
-    asked_at: float = 0.0
-
-
 class Pipeline:
     """From frames to events.
 
@@ -132,7 +107,6 @@ class Pipeline:
     ) -> None:
         self.settings = settings
         self.plant = plant_model(settings, roots)
-        self._roots, self._executor = roots, executor
         model, e = self.plant, settings.estimator
         self._h = 1.0 / settings.rate
         n = round(e.block * settings.rate)
@@ -152,10 +126,9 @@ class Pipeline:
             covariance = with_free_covariance(model.free, parameters.names, given)
         elif fit is not None:
             covariance = with_free_covariance(model.free, fit.names, fit.covariance)
-        self._believed = _filter(model, start, self._h)
-        self._following = _filter(model, start, self._h)
-        self._fit = _fit(settings, model, start, covariance, n)
-        self._monitor = _monitor(settings, model, start, covariance)
+        self._believed = scored_filter(model, start, self._h)
+        self._following = scored_filter(model, start, self._h)
+        self._fit = online_fit(settings, model, start, covariance, n)
         self._history = History(
             model.inputs,
             model.outputs,
@@ -163,9 +136,17 @@ class Pipeline:
             block=e.block,
             sample_time=self._h,
         )
-        self._free = _free_run(settings, model, self._following, self._h)
+        self._watch = DriftWatch(
+            settings,
+            model,
+            drift_monitor(settings, model, start, covariance),
+            self._believed.values,
+            self._history,
+            roots=roots,
+            executor=executor,
+        )
+        self._free = free_run(settings, model, self._following, self._h)
         self._tunable = {v.name for v in settings.plant.described.parameters}
-        self._drift: _Drift | None = None
         self._excited: bool | None = None
         self._time: float | None = None
         self._updated: float | None = None
@@ -219,14 +200,7 @@ class Pipeline:
     @property
     def drift(self) -> dict[str, JSON]:
         """The tests as they stand: `state`, `since`, `parameter`, `threshold`, `statistics`."""
-        drift = self._drift
-        return {
-            "state": "stable" if drift is None else "drifted",
-            "since": None if drift is None else drift.since,
-            "parameter": None if drift is None else drift.alarm.parameter,
-            "threshold": self._monitor.threshold,
-            "statistics": {**self._monitor.statistics, "all": self._monitor.joint},
-        }
+        return self._watch.state
 
     @property
     def health(self) -> Health:
@@ -250,14 +224,14 @@ class Pipeline:
         events: list[Event] = []
         for part in self._timeline.add(frames):
             events += self._slice(part)
-        return events + self._diagnosed(wait=False)
+        return events + self._watch.found(wait=False)
 
     def finish(self) -> list[Event]:
         """Take it that no more frames come; waits for a diagnosis that is under way."""
         events: list[Event] = []
         for part in self._timeline.finish():
             events += self._slice(part)
-        return events + self._diagnosed(wait=True)
+        return events + self._watch.found(wait=True)
 
     def idle(self, now: float) -> list[Event]:
         """Say what happened because nothing came until `now` [s, of the frames' clock]."""
@@ -269,7 +243,7 @@ class Pipeline:
             events += self._slice(part)
         for change in self._telemetry.silent(stamp):
             events += self._changed(change)
-        return events + self._diagnosed(wait=False)
+        return events + self._watch.found(wait=False)
 
     def close(self) -> None:
         """Let go of the FMU; nothing is fed after that."""
@@ -283,8 +257,7 @@ class Pipeline:
         covariance = with_free_covariance(self.plant.free, parameters.names, given)
         self._believed.set_values(values)
         self._believed.forget()
-        self._monitor.verify(values, covariance)
-        self._drift = None
+        self._watch.verify(self._believed.values, covariance)
 
     def _slice(self, part: Slice) -> list[Event]:
         events: list[Event] = []
@@ -349,7 +322,10 @@ class Pipeline:
         self._history.add(block.start, block.inputs[:-1], block.outputs, predicted, spread)
         rms = np.sqrt(np.mean((scored.innovations / spread) ** 2, axis=0))
         self._noise = dict(zip(self.plant.outputs, rms.tolist(), strict=True))
-        events += self._tested(self._monitor.take(tested), time)
+        drifted = self._watch.drifted
+        events += self._watch.take(tested, time)
+        if self._watch.drifted and not drifted:
+            self._fit.loosen()
         before = self._fit.updates
         self._fit.take(block.inputs, block.outputs, scored)
         if self._updated is None or self._fit.updates > before:
@@ -373,78 +349,6 @@ class Pipeline:
             return []
         self._diverged_at = None
         return [self._event(EventKind.RECOVERED, time, {"what": "estimator"})]
-
-    def _tested(self, alarm: Alarm | None, time: float) -> list[Event]:
-        events: list[Event] = []
-        drift = self._drift
-        if drift is None:
-            if alarm is not None:
-                self._drift = _Drift(time, alarm)
-                self._fit.loosen()
-                events.append(self._drifted(alarm, time, named=False))
-            return events
-        if alarm is not None:
-            drift.alarm = alarm
-        if not drift.named and time - drift.since >= _NAMING:
-            drift.named = True
-            events.append(self._drifted(drift.alarm, time, named=True))
-        wanted = self.settings.drift.diagnose
-        if wanted > 0 and not drift.asked and time - drift.since >= wanted:
-            drift.asked, drift.asked_at = True, time
-            suspicion = self._suspicion(time)
-            if self._executor is None:
-                events.append(self._found(diagnose(suspicion), time))
-            else:
-                drift.finding = self._executor.submit(diagnose, suspicion)
-        return events
-
-    def _suspicion(self, time: float) -> Suspicion:
-        blocks = round(self.settings.drift.diagnose / self.settings.estimator.block)
-        data = self._history.last(blocks)
-        model = self.plant
-        assert self._drift is not None
-        return Suspicion(
-            self.settings.plant.model,
-            self._roots,
-            time,
-            self._h,
-            data.inputs,
-            data.measured,
-            model.outputs,
-            model.noise_sd,
-            model.free,
-            {n: v for n, v in self._believed.values.items() if n in model.values},
-            self._drift.alarm.parameter,
-        )
-
-    def _diagnosed(self, *, wait: bool) -> list[Event]:
-        drift = self._drift
-        if drift is None or drift.finding is None or not (wait or drift.finding.done()):
-            return []
-        finding, drift.finding = drift.finding, None
-        try:
-            return [self._found(finding.result(), drift.asked_at)]
-        except Exception as error:  # the process of its own died
-            found = Finding("undetermined", because=f"the diagnosis failed: {error}")
-            return [self._found(found, drift.asked_at)]
-
-    def _found(self, finding: Finding, time: float) -> Event:
-        return self._event(EventKind.DIAGNOSIS, time, finding.detail())
-
-    def _drifted(self, alarm: Alarm, time: float, *, named: bool) -> Event:
-        value = self._believed.values.get(alarm.parameter)
-        change = alarm.change if np.isfinite(alarm.change) else None
-        detail: dict[str, JSON] = {
-            "parameter": alarm.parameter,
-            "statistic": alarm.statistic,
-            "threshold": alarm.threshold,
-            "window": alarm.window,
-            "change": change,
-            "verified": value,
-            "channel": alarm.channel,
-            "named": named,
-        }
-        return self._event(EventKind.DRIFT, time, detail)
 
     def _excitation(self, time: float) -> list[Event]:
         monitor = self._fit.excitation
@@ -480,74 +384,3 @@ class Pipeline:
 
     def _event(self, kind: EventKind, time: float, detail: Mapping[str, JSON]) -> Event:
         return Event(time, self.settings.name, kind, detail)
-
-
-def _filter(model: PlantModel, values: Mapping[str, float], sample_time: float) -> ScoredFilter:
-    return ScoredFilter(
-        model.dae,
-        model.outputs,
-        model.free,
-        values,
-        sample_time=sample_time,
-        noise_sd=model.noise_sd,
-        disturbances=model.disturbances,
-    )
-
-
-def _monitor(
-    settings: TwinSettings, model: PlantModel, values: Mapping[str, float], covariance: Array
-) -> DriftMonitor:
-    d = settings.drift
-    return DriftMonitor(
-        model.free,
-        values,
-        covariance,
-        block=settings.estimator.block,
-        window=d.window,
-        false_alarms_per_hour=d.false_alarms_per_hour,
-        margin=d.margin,
-        channels=model.outputs,
-    )
-
-
-def _fit(
-    settings: TwinSettings,
-    model: PlantModel,
-    values: Mapping[str, float],
-    covariance: Array,
-    samples: int,
-) -> OnlineFit:
-    e = settings.estimator
-    fading = float(np.exp(-e.block / e.memory))
-    if e.kind == "kalman":
-        return KalmanFit(model.free, values, covariance, fading=fading, wanted=e.excitation)
-    return FilterFit(
-        model.dae,
-        model.outputs,
-        model.free,
-        values,
-        covariance,
-        window=e.memory,
-        block=samples,
-        sample_time=1.0 / settings.rate,
-        tau=e.tau,
-        fading=fading,
-        wanted=e.excitation,
-    )
-
-
-def _free_run(
-    settings: TwinSettings, model: PlantModel, filtered: ScoredFilter, sample_time: float
-) -> FreeRun | None:
-    starts = start_parameters(filtered.state_names, model.dae.start_parameters)
-    if starts is None:
-        return None
-    samples = round(settings.estimator.horizon * settings.rate)
-    return FreeRun(
-        settings.plant.fmu,
-        model.inputs,
-        model.outputs,
-        starts,
-        sample_time=sample_time,
-        samples=samples,
-    )

@@ -25,10 +25,12 @@ from recordings.readers.can_frames import Frames
 from twin.apart import Apart, apart
 from twin.audit import Entry, canonical
 from twin.events import Event, EventKind
+from twin.follower import Follower
 from twin.hub import FLEET, Hub
 from twin.improvement import improve
 from twin.journal import SERVICE, Journal
-from twin.monitor import Follower, Monitor, Recorded
+from twin.lineage import Recorded
+from twin.monitor import Monitor
 from twin.settings import Settings, TwinSettings, settings_of
 from twin.store.documents import Evidence, ParameterSet
 from twin.store.history import Retention

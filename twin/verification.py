@@ -96,13 +96,14 @@ class Job:
     @property
     def fit(self) -> Fit:
         """The distribution that plants are drawn from."""
-        covariance = np.array(self.parameters.covariance, dtype=float)
-        size = len(self.parameters.names)
-        return Fit(
-            self.parameters.values,
-            self.parameters.names,
-            covariance.reshape(size, size) * self.widening**2,
-        )
+        return fit_of(self.parameters, self.widening)
+
+
+def fit_of(parameters: ParameterSet, widening: float = 1.0) -> Fit:
+    """Return parameters as a distribution, with standard deviations so many times as large."""
+    size = len(parameters.names)
+    covariance = np.array(parameters.covariance, dtype=float).reshape(size, size)
+    return Fit(parameters.values, parameters.names, covariance * widening**2)
 
 
 def improved(job: Job, found: Improved) -> Job:

@@ -17,8 +17,9 @@ from fmus.frontend import load
 from fmus.sources import library_class
 from identification.innovations import Disturbance
 from identification.online.scored_filter import ScoredFilter
-from twin.diagnosis import Suspicion, diagnose
+from twin.diagnosis import diagnose
 from twin.drift import Alarm, DriftMonitor
+from twin.excerpt import Excerpt
 
 Array = NDArray[np.float64]
 
@@ -156,10 +157,9 @@ def _friction(verified: Array) -> Iterator[Figure]:
     yield Figure(f"Coulomb friction of {_FRICTION:g} N.m: flagged after", first, WITHIN, "s")
     began = time.perf_counter()
     found = diagnose(
-        Suspicion(
+        Excerpt(
             MODEL,
             (),
-            0.0,
             STEP,
             np.concatenate(volts_since),
             np.concatenate(seen_since),
@@ -167,7 +167,6 @@ def _friction(verified: Array) -> Iterator[Figure]:
             np.array(list(SENSORS.values())),
             NAMES,
             load(library_class(MODEL)).parameter_values,
-            "",
         )
     )
     right = found.verdict == "effect" and found.name == "CoulombFriction@wheel"

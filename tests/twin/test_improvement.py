@@ -12,6 +12,7 @@ from fmus.frontend import load
 from fmus.sources import find_source
 from hil.plants import Fit
 from twin.events import EventKind
+from twin.excerpt import Excerpt
 from twin.improvement import Improved, Improvement, improve, with_model
 from twin.verification import file_hash, improved
 
@@ -39,11 +40,9 @@ def swinging(seconds=12.0, h=0.01, friction=0.25, seed=4):
 def wanted(folder):
     inputs, outputs = swinging()
     values = dict(load(find_source(PENDULUM)).parameter_values)
-    return Improvement(
+    data = Excerpt(
         PENDULUM,
         (),
-        "CoulombFriction@joint",
-        {"tau_c": 0.2},
         0.01,
         inputs,
         outputs,
@@ -51,8 +50,8 @@ def wanted(folder):
         np.array([1e-3, 1e-2]),
         ("J", "mgl", "d"),
         {**values, "J": 0.5, "mgl": 2.0, "d": 0.1},
-        folder,
     )
+    return Improvement(data, "CoulombFriction@joint", {"tau_c": 0.2}, folder)
 
 
 @pytest.fixture(scope="module")

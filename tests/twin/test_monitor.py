@@ -14,7 +14,8 @@ from scripted import Clock, Script, drift, event, evidence_for, read_config, wri
 from foundation.errors import InputError, StoreError
 from twin.events import EventKind
 from twin.journal import Journal
-from twin.monitor import Monitor, Recorded
+from twin.lineage import Recorded
+from twin.monitor import Monitor
 from twin.store import SetState, Store
 from twin.verification import controller_hash
 
