@@ -117,9 +117,14 @@ class Experiment:
         return self.cut(WINDOW)
 
     def cut(self, seconds: float) -> tuple[Window, ...]:
-        """Cut the record into windows to fit, longer where they would hold too few samples."""
+        """Cut the record into windows to fit, longer where they would hold too few samples.
+
+        A model of which no state can be set, such as a foreign FMU, is run over the whole record:
+        in windows it would start anew from its own start each time.
+        """
         h = self.problem.sample_time
-        return cut(len(self.problem.time), h, fitting_length(seconds, h))
+        length = fitting_length(seconds, h) if self.shooting.nx else None
+        return cut(len(self.problem.time), h, length)
 
     def guess(self, windows: Sequence[Window]) -> Matrix:
         """Return (windows, nx) initial states from the measurement alone."""

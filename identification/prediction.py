@@ -204,9 +204,10 @@ def choose_horizon(
 ) -> float | None:
     """Return None (free simulation) where that stays bounded, else `WINDOW` (20 samples at least).
 
-    A record shorter than one and a half windows is always simulated freely.
+    A record shorter than one and a half windows is always simulated freely, and so is a model of
+    which no state can be set.
     """
-    if predict(problem, shooting, values, None).bounded:
+    if shooting.nx == 0 or predict(problem, shooting, values, None).bounded:
         return None
     duration = float(problem.time[-1] - problem.time[0])
     window = fitting_length(WINDOW, problem.sample_time)

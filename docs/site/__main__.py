@@ -31,7 +31,9 @@ docs/how-to/own-model
 docs/how-to/own-effect
 docs/how-to/can-log
 docs/how-to/notebook
+docs/how-to/foreign-fmu
 docs/how-to/co-simulation
+docs/how-to/fleet
 docs/how-to/cluster
 docs/hil
 docs/twin

@@ -25,6 +25,7 @@ _FENCE = re.compile(
 RUN = (
     "tutorial",
     *(f"how-to/{n}" for n in ("own-model", "own-effect", "can-log", "notebook", "co-simulation")),
+    *(f"how-to/{n}" for n in ("foreign-fmu", "fleet")),
 )
 NEEDS_DATA = ("tutorial", "how-to/notebook")
 

@@ -12,7 +12,7 @@ from fmus.black_box import black_box
 from fmus.dae import ScalarType
 from fmus.package import cached_fmu, export
 from fmus.sources import library_class
-from foundation.errors import FmuError, UnknownNameError, UnsupportedModelError
+from foundation.errors import FmuError, InputError, UnknownNameError, UnsupportedModelError
 from twinproof import Model, compare, diagnose, identify, read_recording
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "fmus"))
@@ -119,6 +119,10 @@ def test_a_parameter_of_a_foreign_fmu(maker, tmp_path_factory):
     true = compare(model, data, parameters={"rate": rate}, horizon="free").comparison
     assert true.channels["y"].rmse == pytest.approx(1e-3, rel=0.15)
     assert true.channels["y"].white_p > 0.001
+    found = identify(model, data, free=["rate"]).estimate.parameters["rate"]
+    assert abs(found.value - rate) < 5 * found.sd < 0.01
+    with pytest.raises(InputError, match=r"no state of .* can be set"):
+        compare(model, data, horizon=1)
 
 
 def test_a_crash_while_comparing_is_a_message(tmp_path_factory, tmp_path):

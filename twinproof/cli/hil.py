@@ -65,7 +65,10 @@ def run(
     with output.progress() as progress:
         result = run_scenario(read, recording=recording, progress=progress)
     seconds = time.monotonic() - began
-    output.console.print(_verdict_table(result.verdicts))
+    if result.verdicts:
+        output.console.print(_verdict_table(result.verdicts))
+    else:
+        output.note("the scenario has no criteria: nothing was judged")
     output.console.print(_bus_table(result))
     for note in result.loop.notes:
         output.note(f"note: {note}")

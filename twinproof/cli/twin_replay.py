@@ -45,7 +45,8 @@ def replay_command(
     with output.progress() as progress:
         found = replay(settings, data, roots=modelica_path, progress=progress)
     output.console.print(_parameter_table(settings, found))
-    output.console.print(_event_table(found))
+    events = _event_table(found)
+    output.console.print(events if events.row_count else "no events")
     output.note(
         f"{settings.name}: {found.state} after {found.span:.1f} s of data, "
         f"replayed {found.speed:.0f} times as fast"
