@@ -34,6 +34,7 @@ docs/how-to/notebook
 docs/how-to/foreign-fmu
 docs/how-to/co-simulation
 docs/how-to/fleet
+docs/how-to/postgresql
 docs/how-to/cluster
 docs/hil
 docs/twin
