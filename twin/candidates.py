@@ -68,16 +68,29 @@ def known_values(estimate: Estimate, reference: ParameterSet) -> dict[str, float
 
 
 def excerpt(
-    settings: TwinSettings, roots: tuple[Path, ...], pipeline: Follower, parameters: ParameterSet
+    settings: TwinSettings,
+    roots: tuple[Path, ...],
+    pipeline: Follower,
+    parameters: ParameterSet,
+    since: float | None,
 ) -> Excerpt:
-    """Return what the plant did of late, to fit a model to, starting from these parameters."""
+    """Return what the plant did of late, to fit a model to.
+
+    Args:
+        settings: Of the twin.
+        roots: Folders of further Modelica libraries.
+        pipeline: With the data.
+        parameters: To start from.
+        since: Nothing before is taken [s]; None: all that is kept.
+    """
     data, plant = pipeline.predictions, pipeline.plant
+    begin = 0 if since is None else int(np.searchsorted(data.time, since))
     return Excerpt(
         settings.plant.model,
         roots,
         1.0 / settings.rate,
-        data.inputs,
-        data.measured,
+        data.inputs[begin:],
+        data.measured[begin:],
         data.output_names,
         plant.noise_sd,
         plant.free,

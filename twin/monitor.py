@@ -305,7 +305,9 @@ class Monitor:
         if self._effect is None:
             return None
         folder = self.settings.file(MODELS).resolve()
-        data = excerpt(self.settings, self._roots, self.pipeline, candidate)
+        # What was recorded before the effect appeared would make it smaller than it is.
+        since = self._life.drift
+        data = excerpt(self.settings, self._roots, self.pipeline, candidate, since)
         return Improvement(data, *self._effect, folder)
 
     def _follow(self, parameters: ParameterSet) -> None:

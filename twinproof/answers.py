@@ -78,16 +78,9 @@ class FittedRecord:
     horizon: float | None
 
 
-@dataclass(frozen=True)
-class Identified:
-    """The outcome of `identify`.
+class _FirstRecord:
+    """Of several fitted records, the first speaks for all where there is room for one."""
 
-    Attributes:
-        estimate: The fitted parameters.
-        records: Every record fitted, in the order given.
-    """
-
-    estimate: Estimate
     records: tuple[FittedRecord, ...]
 
     @property
@@ -104,6 +97,19 @@ class Identified:
     def horizon(self) -> float | None:
         """Of the first record."""
         return self.records[0].horizon
+
+
+@dataclass(frozen=True)
+class Identified(_FirstRecord):
+    """The outcome of `identify`.
+
+    Attributes:
+        estimate: The fitted parameters.
+        records: Every record fitted, in the order given.
+    """
+
+    estimate: Estimate
+    records: tuple[FittedRecord, ...]
 
     def to_frame(self) -> pd.DataFrame:
         """Return the parameters: value, standard deviation, unit, and whether the data see it."""
@@ -127,7 +133,7 @@ class Identified:
 
 
 @dataclass(frozen=True)
-class Diagnosed:
+class Diagnosed(_FirstRecord):
     """The outcome of `diagnose`.
 
     Attributes:
@@ -139,21 +145,6 @@ class Diagnosed:
     diagnosis: Diagnosis
     records: tuple[FittedRecord, ...]
     drift: Drift | None = None
-
-    @property
-    def problem(self) -> Problem:
-        """Of the first record."""
-        return self.records[0].problem
-
-    @property
-    def comparison(self) -> Comparison:
-        """Of the first record."""
-        return self.records[0].comparison
-
-    @property
-    def horizon(self) -> float | None:
-        """Of the first record."""
-        return self.records[0].horizon
 
     def to_frame(self) -> pd.DataFrame:
         """Return the ranking: effect, place, evidence [nats], share explained, refitted."""

@@ -78,9 +78,9 @@ class WithData(Script):
 
     @property
     def predictions(self):
-        inputs, outputs = swinging(2.0)
+        inputs, outputs = swinging(12.0)
         return SimpleNamespace(
-            time=self.newest - 2.0 + 0.01 * np.arange(200),
+            time=self.newest - 12.0 + 0.01 * np.arange(1200),
             inputs=inputs,
             output_names=("theta", "omega"),
             measured=outputs,
@@ -101,6 +101,9 @@ def test_the_twin_follows_the_improved_model_once_it_is_verified(tmp_path, monke
     job, _ = house.monitor.next_job()
     assert job.improvement.effect == "CoulombFriction@joint"
     assert job.improvement.effect_values == {"tau_c": 0.2}
+    # Of the last 12 s, only the 6 s after the drift are fitted.
+    assert len(job.improvement.data.outputs) == pytest.approx(600, abs=2)
+    assert len(job.improvement.data.inputs) == len(job.improvement.data.outputs)
     job = improved(job, found)
     assert job.parameters.model not in ("", file_hash(base.fmu))
     house.monitor.conclude(job, evidence_for(job, house.clock.now))

@@ -5,6 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scripted import CONTROLLER
+from scripted import STUDY as SHORT
 
 from foundation.errors import InputError, UnknownNameError
 from hil.plants import plant_of
@@ -15,37 +17,8 @@ from twin.store.documents import ParameterSet
 from twin.verification import Job, controller_hash, file_hash, study_for, study_hash, verify
 
 MODEL = "Twinproof.Plants.Pendulum"
-CONTROLLER = """
-kind = "pid"
-measured = ["theta"]
-commanded = ["tau"]
-period = "10 ms"
-proportional = {gain}
-derivative = 2.0
-"""
-STUDY = """
-[plant]
-model = "Twinproof.Plants.Pendulum"
-[controllers.any]
-kind = "pid"
-measured = ["theta"]
-commanded = ["tau"]
-period = "10 ms"
-proportional = 1.0
-[references.step.theta]
-kind = "constant"
-value = 0.5
-[[criteria]]
-kind = "limit"
-name = "stays in bounds"
-signal = "theta"
-low = -2.0
-high = 2.0
-[run]
-duration = 1.0
-step = "10 ms"
-seed = 3
-"""
+# Long enough for a controller to bring the plant out of bounds.
+STUDY = SHORT.replace("duration = 0.5", "duration = 1.0")
 
 
 @pytest.fixture(scope="module")
@@ -56,7 +29,7 @@ def fmu():
 @pytest.fixture
 def job(tmp_path, fmu):
     (tmp_path / "study.toml").write_text(STUDY)
-    (tmp_path / "pid.toml").write_text(CONTROLLER.format(gain=5.0))
+    (tmp_path / "pid.toml").write_text(CONTROLLER)
     values = {"J": 0.5, "mgl": 2.0, "d": 0.1}
     covariance = ((1e-4, 5e-4), (5e-4, 1e-2))
     parameters = ParameterSet("robot", 4.0, file_hash(fmu), ("J", "mgl"), values, covariance)
@@ -76,7 +49,7 @@ def test_a_controller_that_holds_passes(job):
 
 
 def test_one_that_does_not_is_refused_with_its_worst_runs(job):
-    job.controller.write_text(CONTROLLER.format(gain=-50.0))
+    job.controller.write_text(CONTROLLER.replace("= 5.0", "= -50.0"))
     found = verify(job, lambda: 0.0, workers=0)
     assert not found.passed
     assert found.detail["passed"] == 0
@@ -107,7 +80,7 @@ def test_the_study_runs_as_the_what_if_command_would_run_it(job, tmp_path):
     (tmp_path / "fit.json").write_text(json.dumps(fit))
     text = STUDY.replace(f'model = "{MODEL}"', f'model = "{MODEL}"\nparameters_from = "fit.json"')
     controller = STUDY[STUDY.index("kind") : STUDY.index("[references")]
-    text = text.replace(controller, CONTROLLER.format(gain=5.0)) + "\n[plants]\ndraws = 12\n"
+    text = text.replace(controller, CONTROLLER) + "\n[plants]\ndraws = 12\n"
     (tmp_path / "plain.toml").write_text(text)
     plain = run_study(read_study(tmp_path / "plain.toml"), workers=0)
     study = study_for(job)
