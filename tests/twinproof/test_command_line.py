@@ -134,6 +134,14 @@ def test_a_broken_fmu_fails_the_check(run: Run, tmp_path: Path) -> None:
     assert status == 1
 
 
+def test_people_see_units(run: Run, recorded: Path) -> None:
+    status, out, _ = run("compare", MODEL, recorded)
+    assert status == 0
+    assert "from … to in s" in out
+    theta = next(line for line in out.splitlines() if "theta" in line)
+    assert theta.split()[1:5:2] == ["theta", "rad"]
+
+
 def test_compare(run: Run, recorded: Path) -> None:
     status, out, _ = run("compare", MODEL, recorded, "--json", "-")
     assert status == 0

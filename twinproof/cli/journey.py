@@ -11,6 +11,7 @@ from foundation.files import write_text
 from identification.discovery.diagnosis import Diagnosis, Outcome
 from identification.discovery.extension import text_diff
 from identification.estimators import ESTIMATORS
+from identification.problem import Problem
 from recordings import Recording
 from twinproof import api, documents
 from twinproof.cli import tables
@@ -30,6 +31,7 @@ from twinproof.cli.options import (
 from twinproof.model import Model
 from twinproof.report import write_comparison, write_diagnosis, write_identification
 from twinproof.report.comparison import error_sentence
+from twinproof.report.picture import unit_of
 from twinproof.results import write_improvement
 
 SAID = {
@@ -56,8 +58,9 @@ def compare(request: Request, horizon: str, report_dir: Path | None) -> None:
     result = api.compare(
         request.model, request.recording, parameters=request.parameters, horizon=horizon
     )
-    output.console.print(tables.channels(result.comparison, result.horizon))
-    output.console.print(tables.failures(result.comparison))
+    units = _units(result.problem)
+    output.console.print(tables.channels(result.comparison, units, result.horizon))
+    output.console.print(tables.failures(result.comparison, units))
     if report_dir is not None:
         write_comparison(
             result.comparison, result.problem, report_dir / "report.html", command=command_line()
@@ -114,7 +117,9 @@ def identify(
     for record in result.records:
         if also:
             output.console.print(record.origin, markup=False, soft_wrap=True)
-        output.console.print(tables.channels(record.comparison, record.horizon))
+        output.console.print(
+            tables.channels(record.comparison, _units(record.problem), record.horizon)
+        )
     for warning in result.estimate.warnings:
         output.note(f"warning: {warning}")
     if report_dir is not None:
@@ -228,6 +233,10 @@ def extend(
             "extend", {"model": f"{output_path}:{extended.name}", "diff": difference}
         )
     )
+
+
+def _units(problem: Problem) -> dict[str, str]:
+    return {name: unit_of(problem, name) for name in problem.output_names}
 
 
 def _together_notes(records: Sequence[api.FittedRecord]) -> list[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 from rich.table import Table
 
@@ -43,30 +44,30 @@ def with_sd(value: float, sd: float) -> str:
     return f"{value:.{decimals}f} ± {sd:.{decimals}f}"
 
 
-def channels(comparison: Comparison, horizon: float | None) -> Table:
-    """Return the channels' errors."""
+def channels(comparison: Comparison, units: Mapping[str, str], horizon: float | None) -> Table:
+    """Return the channels' errors, RMSE and bias in the channel's unit."""
     kind = "free simulation" if horizon is None else f"windows of {horizon:g} s"
     table = Table(title=f"measured against simulated ({kind})", title_justify="left")
-    for heading in ("channel", "RMSE", "NRMSE", "bias", "white p"):
-        table.add_column(heading, justify="left" if heading == "channel" else "right")
+    for heading in ("channel", "unit", "RMSE", "NRMSE", "bias", "white p"):
+        table.add_column(heading, justify="left" if heading in ("channel", "unit") else "right")
     for name, c in comparison.channels.items():
-        table.add_row(
-            name, number(c.rmse), f"{100 * c.nrmse:.2f} %", number(c.bias), number(c.white_p, 2)
-        )
+        errors = number(c.rmse), f"{100 * c.nrmse:.2f} %", number(c.bias), number(c.white_p, 2)
+        table.add_row(name, units[name], *errors)
     return table
 
 
-def failures(comparison: Comparison) -> Table:
+def failures(comparison: Comparison, units: Mapping[str, str]) -> Table:
     """Return where a model fails."""
     table = Table(title="where it fails", title_justify="left")
-    for heading in ("from … to [s]", "channel", "RMSE there", "where"):
+    for heading in ("from … to in s", "channel", "RMSE there", "where"):
         table.add_column(heading)
     for f in comparison.worst:
         where = ", ".join(
             f"{name} in {number(low, 3)} … {number(high, 3)}"
             for name, (low, high) in f.where.items()
         )
-        table.add_row(f"{f.begin:.2f} … {f.end:.2f}", f.channel, number(f.rmse), where)
+        error = f"{number(f.rmse)} {units[f.channel]}"
+        table.add_row(f"{f.begin:.2f} … {f.end:.2f}", f.channel, error, where)
     return table
 
 

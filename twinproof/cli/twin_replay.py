@@ -124,8 +124,8 @@ def _parameter_table(settings: TwinSettings, found: Replay) -> Table:
 
 def _event_table(found: Replay) -> Table:
     table = Table(title="events", title_justify="left")
-    for heading in ("time [s]", "what", "about"):
-        table.add_column(heading, justify="right" if heading == "time [s]" else "left")
+    for heading in ("time in s", "what", "about"):
+        table.add_column(heading, justify="right" if heading == "time in s" else "left")
     for event in found.events:
         if event.kind.value != "parameters":
             about = event.detail.get("parameter") or event.detail.get("name")
