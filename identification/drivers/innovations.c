@@ -13,7 +13,7 @@ int twinproof_innovations(int n, int substeps, double h, double t0, const double
                           const double *p0, int np, const int *where, const double *phi,
                           const double *q, const double *qx, const double *r, double *z, double *P,
                           double *v, double *s, double *track, double *spread, double *p) {
-  double hs = h / substeps, w[WORK];
+  double hs = h / substeps;
   double y[NY + 1], C[NY * NX + 1], D[NY * NS + 1], xn[NX + 1], A[NX * NX + 1], B[NX * NS + 1];
   double F[NX * NZ + 1], G[NX * NZ + 1], T[NX * NZ + 1], z0[NZ + 1], gain[NZ], ph[NZ], row[NZ];
   int i, j, k, l, b;
@@ -22,12 +22,7 @@ int twinproof_innovations(int n, int substeps, double h, double t0, const double
     const double *uk = u + (long)k * NU, *un = k + 1 < n ? uk + NU : uk;
     double t = t0 + k * h;
     if (!bounded(NZ, z)) return k;
-    for (j = 0; j < NS; j++) p[where[j]] = z[NX + j];
-    {
-      const double *arg[4] = {&t, z, uk, p};
-      double *res[3] = {y, C, D};
-      twinproof_output_sensitive(arg, res, 0, w, 0);
-    }
+    observe(NS, t, z, uk, where, p, y, C, D);
     memcpy(z0, z, NZ * sizeof(double));
     for (i = 0; i < NY; i++) { /* one scalar measurement after the other */
       double measured = ym[(long)k * NY + i], e, S = r[i];
@@ -48,12 +43,7 @@ int twinproof_innovations(int n, int substeps, double h, double t0, const double
     memset(F, 0, sizeof F);
     for (i = 0; i < NX; i++) F[i * NZ + i] = 1;
     for (b = 0; b < substeps; b++) {
-      double ts = t + b * hs, ua[NU + 1], ub[NU + 1];
-      const double *arg[6] = {&ts, z, ua, ub, p, &hs};
-      double *res[3] = {xn, A, B};
-      inputs_at((double)b / substeps, uk, un, ramps, ua);
-      inputs_at((double)(b + 1) / substeps, uk, un, ramps, ub);
-      twinproof_step_sensitive(arg, res, 0, w, 0);
+      step(b, substeps, t, hs, z, uk, un, ramps, p, xn, A, B);
       chain(NZ, A, B, F, G);
       memcpy(z, xn, NX * sizeof(double));
     }

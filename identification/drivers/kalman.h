@@ -12,6 +12,15 @@ static inline int bounded(int m, const double *z) {
   return 1;
 }
 
+/* y, C = dy/dx, D = dy/ds at z, with the nd disturbances put into p where they belong. */
+static inline void observe(int nd, double t, const double *z, const double *u, const int *where, double *p,
+                           double *y, double *C, double *D) {
+  const double *arg[4] = {&t, z, u, p};
+  double *res[3] = {y, C, D}, w[WORK];
+  for (int j = 0; j < nd; j++) p[where[j]] = z[NX + j];
+  twinproof_output_sensitive(arg, res, 0, w, 0);
+}
+
 /* Linearises output i about the mean z0 that y, C (NY x NX) and D (NY x NS) were found at: row (m), and
    ph = P row'. Returns the innovation; *S, the sensor's variance at first, leaves as that of it. */
 static inline double innovation(int m, int i, double measured, const double *y, const double *C,
@@ -46,6 +55,18 @@ static inline void correct(int m, double e, double S, const double *ph, double *
 static inline void inputs_at(double share, const double *uk, const double *un, const int *ramps, double *u) {
   for (int i = 0; i < NU; i++)
     u[i] = uk[i] + share * (i < NU - ND && !ramps[i] ? 0 : un[i] - uk[i]);
+}
+
+/* Integration step b of a sample interval of `substeps` that begins at t: the states x with A = dx/dx and
+   B = dx/ds. */
+static inline void step(int b, int substeps, double t, double hs, const double *z, const double *uk,
+                        const double *un, const int *ramps, const double *p, double *x, double *A, double *B) {
+  double ts = t + b * hs, ua[NU + 1], ub[NU + 1], w[WORK];
+  const double *arg[6] = {&ts, z, ua, ub, p, &hs};
+  double *res[3] = {x, A, B};
+  inputs_at((double)b / substeps, uk, un, ramps, ua);
+  inputs_at((double)(b + 1) / substeps, uk, un, ramps, ub);
+  twinproof_step_sensitive(arg, res, 0, w, 0);
 }
 
 /* F (NX x m) <- A F + [0 B]: dx/d(x, d) of one more step. G: scratch of the same size. */

@@ -16,7 +16,7 @@ int twinproof_scored(int n, int nd, int substeps, double h, double t0, const dou
                      const double *q, const double *qx, const double *r, double *z, double *P, double *Z,
                      double *v, double *s, double *score, double *information, double *x, double *p) {
   const int m = NX + nd, np = NS - nd;
-  double hs = h / substeps, w[WORK];
+  double hs = h / substeps;
   double y[NY + 1], C[NY * NX + 1], D[NY * NS + 1], xn[NX + 1], A[NX * NX + 1], B[NX * NS + 1];
   double F[NX * NZ + 1], G[NX * NZ + 1], T[NX * NZ + 1], Y[NX * NS + 1], row[NZ], ph[NZ], gain[NZ], psi[NS + 1];
   double z0[NZ + 1];
@@ -28,12 +28,7 @@ int twinproof_scored(int n, int nd, int substeps, double h, double t0, const dou
     const double *uk = u + (long)k * NU, *un = uk + NU;
     double t = t0 + k * h;
     if (!bounded(m, z)) return k;
-    for (j = 0; j < nd; j++) p[where[j]] = z[NX + j];
-    {
-      const double *arg[4] = {&t, z, uk, p};
-      double *res[3] = {y, C, D};
-      twinproof_output_sensitive(arg, res, 0, w, 0);
-    }
+    observe(nd, t, z, uk, where, p, y, C, D);
     memcpy(z0, z, m * sizeof(double));
     for (i = 0; i < NY; i++) { /* one scalar measurement after the other */
       double measured = ym[(long)k * NY + i], e, S = r[i];
@@ -62,12 +57,7 @@ int twinproof_scored(int n, int nd, int substeps, double h, double t0, const dou
     memset(F, 0, sizeof F);
     for (i = 0; i < NX; i++) F[i * m + i] = 1;
     for (b = 0; b < substeps; b++) {
-      double ts = t + b * hs, ua[NU + 1], ub[NU + 1];
-      const double *arg[6] = {&ts, z, ua, ub, p, &hs};
-      double *res[3] = {xn, A, B};
-      inputs_at((double)b / substeps, uk, un, ramps, ua);
-      inputs_at((double)(b + 1) / substeps, uk, un, ramps, ub);
-      twinproof_step_sensitive(arg, res, 0, w, 0);
+      step(b, substeps, t, hs, z, uk, un, ramps, p, xn, A, B);
       chain(m, A, B, F, G);
       for (i = 0; i < NX; i++)
         for (j = 0; j < np; j++) {
