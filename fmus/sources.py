@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from fmus.modelica_text import without_comments_and_strings
-from foundation.errors import InputError, ModelicaError
+from foundation.errors import InputError, ModelicaError, UnknownNameError
 from modelica import LIBRARY
 
 _CLASS_NAME = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*\Z")
@@ -16,6 +16,7 @@ _FIRST_CLASS = re.compile(
     r"^\s*(?:within[^;]*;\s*)?(?:(?:encapsulated|partial|final)\s+)*(?:model|block|class|package)\s+(\w+)",
     re.MULTILINE,
 )
+_CLASS = re.compile(r"\b(?:model|block|class|package|connector|record|function|type)\s+(\w+)")
 
 
 @dataclass(frozen=True)
@@ -84,6 +85,7 @@ def find_source(model: str, roots: tuple[Path, ...] = ()) -> ModelicaSource:
     Raises:
         ModelicaError: The file is not there, is not text, holds no class, or its within-clause is
             not that of its folder.
+        UnknownNameError: The file has no such class.
         InputError: The word is neither a file nor a class name.
     """
     path_text, colon, class_name = model.partition(".mo:")
@@ -137,6 +139,10 @@ def _in_its_package(source: ModelicaSource, path: Path) -> ModelicaSource:
             else f"move it beside the package.mo of {within}, or remove the clause",
         )
     if path.name != "package.mo" and not packages:
+        outermost = source.class_name.partition(".")[0]
+        defined = _CLASS.findall(without_comments_and_strings(source.text))
+        if defined and outermost not in defined:
+            raise UnknownNameError("class", source.class_name, defined, where=str(path))
         return source
     top = packages[0] if packages else path.absolute().parent
     own = source.class_name.removeprefix(f"{within}.")

@@ -143,6 +143,17 @@ def test_a_library_that_does_not_parse_names_the_file(package):
         load(library_class(SERVO, (package.parent,)))
 
 
+def test_a_class_that_is_not_in_the_file_names_those_that_are(tmp_path):
+    path = tmp_path / "machine.mo"
+    path.write_text('model Axis "not a model Arm" Real x = 1; end Axis; // model Leg')
+    for word in ("Axs", "Lab.Axis"):
+        with pytest.raises(UnknownNameError, match="did you mean Axis") as error:
+            find_source(f"{path}:{word}")
+        assert "Arm" not in str(error.value)
+        assert "Leg" not in str(error.value)
+    assert find_source(f"{path}:Axis").class_name == "Axis"
+
+
 def test_other_files_of_a_plain_folder_are_not_read(tmp_path, monkeypatch):
     (tmp_path / "A.mo").write_text("model A Real x(start=1); equation der(x) = -B.c * x; end A;")
     (tmp_path / "B.mo").write_text("package B constant Real c = 5; end B;")
