@@ -123,7 +123,7 @@ class Experiment:
         in windows it would start anew from its own start each time.
         """
         h = self.problem.sample_time
-        length = fitting_length(seconds, h) if self.shooting.nx else None
+        length = fitting_length(seconds, h) if self.shooting.begins_anywhere else None
         return cut(len(self.problem.time), h, length)
 
     def guess(self, windows: Sequence[Window]) -> Matrix:

@@ -71,6 +71,11 @@ class FmuShooting:
         """Nothing: an FMU does not say which state is another's derivative."""
         return {}
 
+    @property
+    def begins_anywhere(self) -> bool:
+        """Not if no state can be set: an FMU does not say whether it has any."""
+        return self.nx > 0
+
     def parameter_vector(self, values: Mapping[str, float]) -> Vector:
         """Return the (np,) vector of all parameters that are no start values."""
         return np.array([values[name] for name in self.parameter_names], dtype=float)

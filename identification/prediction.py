@@ -207,7 +207,7 @@ def choose_horizon(
     A record shorter than one and a half windows is always simulated freely, and so is a model of
     which no state can be set.
     """
-    if shooting.nx == 0 or predict(problem, shooting, values, None).bounded:
+    if not shooting.begins_anywhere or predict(problem, shooting, values, None).bounded:
         return None
     duration = float(problem.time[-1] - problem.time[0])
     window = fitting_length(WINDOW, problem.sample_time)

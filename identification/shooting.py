@@ -145,6 +145,11 @@ class Shooting:
         """State → the state that is its derivative, where the model says so."""
         return _rates(self.model)
 
+    @property
+    def begins_anywhere(self) -> bool:
+        """Always: every state can be set, and a model without states has nothing to remember."""
+        return True
+
     def with_measured(self, measured_inputs: Collection[str]) -> Shooting:
         """Return the same compiled model for a record in which other inputs were measured."""
         other = copy(self)

@@ -37,6 +37,11 @@ class Simulator(Protocol):
         """State → the state that is its derivative, where that is known."""
         ...
 
+    @property
+    def begins_anywhere(self) -> bool:
+        """Whether a window may begin within the record: its initial state can be set."""
+        ...
+
     def parameter_vector(self, values: Mapping[str, float]) -> Vector:
         """Return the (np,) vector of all independent parameters."""
         ...

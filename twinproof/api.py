@@ -25,7 +25,6 @@ from identification.estimators import estimator
 from identification.estimators.output_error import OutputError
 from identification.estimators.start import best_start
 from identification.experiment import Experiment
-from identification.fmu_shooting import FmuShooting
 from identification.prediction import choose_horizon
 from identification.priors import Prior
 from identification.problem import Problem, match
@@ -109,7 +108,7 @@ def horizon_of(horizon: Horizon, experiment: Experiment) -> float | None:
             where="--horizon",
             remedy="write auto, free, or a length in seconds",
         )
-    if isinstance(experiment.shooting, FmuShooting) and experiment.shooting.nx == 0:
+    if not experiment.shooting.begins_anywhere:
         raise InputError(
             f"windows cannot be had: no state of {experiment.problem.dae.name} can be set",
             where="--horizon",
