@@ -202,7 +202,8 @@ class Loop:
                 where=self._silence(),
                 remedy="start it, and compare its identifiers, period and E2E profile with the DBC",
             )
-        plant.begin(now + step)
+        # The first cycles are slow, and the introduction may run late: the run begins on time.
+        plant.begin(max(now, plant.line.now()) + step)
         if controller is not None:
             controller.begin()
 
