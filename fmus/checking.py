@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ from fmpy.validation import validate_fmu
 from fmus.archive import FmuDescription, check_archive, describe, read_description
 from fmus.guarded import ask, is_ours
 from fmus.plant import Plant
-from fmus.running import simulate
+from fmus.running import Kind, simulate
 from foundation.errors import TwinproofError
 
 _DURATION = 1.0
@@ -67,17 +68,14 @@ def check_directly(path: Path) -> tuple[Check, ...]:
 def _checks(path: Path, description: Any) -> Iterator[Check]:
     messages = [str(m) for m in validate_fmu(str(path))]
     yield Check("rules of the standard", not messages, "; ".join(messages) or "no message")
-    kinds = [
-        kind
-        for kind, there in (
-            ("CoSimulation", description.coSimulation),
-            ("ModelExchange", description.modelExchange),
-        )
-        if there is not None
+    offered: list[tuple[Kind, Any]] = [
+        ("CoSimulation", description.coSimulation),
+        ("ModelExchange", description.modelExchange),
     ]
+    kinds: list[Kind] = [kind for kind, there in offered if there is not None]
     results: list[Any] = []
     for kind in kinds:
-        result = _attempt(lambda kind=kind: _run(path, kind))
+        result = _attempt(partial(_run, path, kind))
         ok = not isinstance(result, str)
         yield Check(f"runs as {kind}", ok, _span(result) if ok else str(result))
         if ok:
@@ -129,8 +127,8 @@ def _attempt(action: Callable[[], Any]) -> Any:
         return f"{type(error).__name__}: {error}"
 
 
-def _run(path: Path, kind: str) -> dict[str, Any]:
-    run = simulate(path, start=0.0, stop=_DURATION, step=_STEP, kind=kind, guarded=False)  # type: ignore[arg-type]
+def _run(path: Path, kind: Kind) -> dict[str, Any]:
+    run = simulate(path, start=0.0, stop=_DURATION, step=_STEP, kind=kind, guarded=False)
     return dict(run.columns)
 
 

@@ -96,10 +96,10 @@ def _answer(request: Message, plants: dict[int, Any]) -> Message:
 
 
 def _actions(plants: dict[int, Any]) -> Mapping[str, Callable[..., Any]]:
-    from fmus.checking import check_directly  # noqa: PLC0415
-    from fmus.plant import Plant, run_many  # noqa: PLC0415
-    from fmus.running import Fmu, Simulation  # noqa: PLC0415
-    from fmus.variational import sensitivities as follow  # noqa: PLC0415
+    from fmus.checking import check_directly  # noqa: PLC0415 - all after the limits
+    from fmus.plant import Plant, run_many  # noqa: PLC0415 - after the limits
+    from fmus.running import Fmu, Simulation  # noqa: PLC0415 - after the limits
+    from fmus.variational import sensitivities as follow  # noqa: PLC0415 - after the limits
 
     def simulate(path: str, sha256: str | None, settings: dict[str, Any]) -> Message:
         with Fmu(Path(path), sha256=sha256) as fmu:
@@ -118,7 +118,7 @@ def _actions(plants: dict[int, Any]) -> Mapping[str, Callable[..., Any]]:
         return [[c.name, c.ok, c.detail] for c in check_directly(Path(path))]
 
     def system(path: str, settings: dict[str, Any]) -> Message:
-        from fmus.master.ssp import read_ssp  # noqa: PLC0415
+        from fmus.master.ssp import read_ssp  # noqa: PLC0415 - after the limits
 
         with read_ssp(Path(path)) as opened:
             chosen: dict[str, Any] = {**opened.defaults, **settings}

@@ -128,7 +128,7 @@ def _call(kind: str, tokens: _Tokens) -> Shape:
 def png(icon: Icon, name: str) -> bytes:
     """Return a picture of 128 × 128 pixels; `%name` in texts is replaced by a name."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415 - takes half a second
-    from matplotlib.figure import Figure  # noqa: PLC0415
+    from matplotlib.figure import Figure  # noqa: PLC0415 - as slow
 
     figure = Figure(figsize=(1, 1), dpi=_PIXELS, frameon=False)
     FigureCanvasAgg(figure)

@@ -65,7 +65,7 @@ def run_model_exchange(
     )
     calls = Calls(instance, description, names, outputs)
     inputs = _Inputs(calls, points, held, follows=slopes is not None)
-    next_event = _settle(instance)
+    next_event = settle(instance)
 
     def set_time(time: float) -> None:
         instance.setTime(time)
@@ -103,12 +103,12 @@ def run_model_exchange(
             instance.completedIntegratorStep()
             if found or time >= next_event:
                 instance.enterEventMode()
-                next_event = _settle(instance)
+                next_event = settle(instance)
                 solver.reset(time)
         if inputs.jumps_at(k):
             instance.enterEventMode()
             inputs.move_to(k)
-            next_event = _settle(instance)
+            next_event = settle(instance)
             solver.reset(time)
         if is_recorded[k]:
             calls.get_outputs(result, row)
@@ -116,7 +116,7 @@ def run_model_exchange(
     return result
 
 
-def _settle(instance: Any) -> float:
+def settle(instance: Any) -> float:
     """Iterate an event to its end; return the time of the next one, or infinity."""
     while True:
         needed, terminates, _, _, is_defined, time = instance.newDiscreteStates()

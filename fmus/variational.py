@@ -20,6 +20,7 @@ import numpy.typing as npt
 from fmus.archive import description_of, read_description
 from fmus.co_simulation import initialise
 from fmus.guarded import ask, is_ours
+from fmus.model_exchange import settle
 from fmus.running import Fmu, Inputs
 from foundation.errors import FmuError
 
@@ -145,9 +146,7 @@ class _Point:
         initialise(
             instance, description, values, start=start, stop=None, tolerance=None, inputs=inputs
         )
-        while instance.newDiscreteStates()[0]:
-            pass
-        instance.enterContinuousTimeMode()
+        settle(instance)
         reference = {v.name: v.valueReference for v in description.modelVariables}
         derivatives = [v.variable for v in description.derivatives]
         self._instance = instance

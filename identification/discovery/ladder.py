@@ -130,12 +130,11 @@ def improve(
     added: Addition | None = None
     removed: tuple[Addition, ...] = ()
     verdict: Verdict | None = None
-    tried = 0
     while True:
         diagnosis = diagnose(model, experiment, fit, progress=progress)
         rungs.append(_Rung(model, experiment, fit, added, removed, verdict, diagnosis))
         # What goes may come again: the number of steps is bounded too.
-        full = len(model.additions) >= max_effects or tried >= 2 * max_effects
+        full = len(model.additions) >= max_effects or len(rungs) > 2 * max_effects
         if diagnosis.chosen is None or full:
             break
         chosen = diagnosis.chosen
@@ -144,7 +143,6 @@ def improve(
         progress("testing again what was added before")
         slim = without_superfluous(chosen.model, chosen.experiment, chosen.fit, experiment.noise())
         model, experiment, fit, removed = slim.model, slim.experiment, slim.fit, slim.removed
-        tried += 1
     progress("scoring all steps, the unseen record for the first time")
     last = rungs[-1]
     if horizon == "auto":
