@@ -137,9 +137,14 @@ def test_a_broken_fmu_fails_the_check(run: Run, tmp_path: Path) -> None:
 def test_people_see_units(run: Run, recorded: Path) -> None:
     status, out, _ = run("compare", MODEL, recorded)
     assert status == 0
-    assert "from … to in s" in out
     theta = next(line for line in out.splitlines() if "theta" in line)
-    assert theta.split()[1:5:2] == ["theta", "rad"]
+    assert re.match(r"│ theta\s+│ +[\d.]+ m?rad │ +[\d.]+ % │ +−?[\d.]+ m?rad │", theta), theta
+    _, failing = out.split("where it fails")
+    assert re.search(r"│ [\d.]+ to [\d.]+ s │ theta .*tau −?[\d.]+ to −?[\d.]+ m?N·m", failing)
+    status, out, _ = run("diagnose", MODEL, recorded)
+    assert status == 0
+    assert "evidence [nats]" in out
+    assert "effect: CoulombFriction at joint is missing from Pendulum" in out
 
 
 def test_compare(run: Run, recorded: Path) -> None:
@@ -170,6 +175,8 @@ def test_the_whole_journey(run: Run, recorded: Path, unseen: Path, tmp_path: Pat
     )
     assert status == 0
     assert "CoulombFriction@joint" in out
+    assert re.search(r"coulombFriction_joint.tau_c │ 0\.1\d+ ± 0\.0\d+ +│ N·m", out), out
+    assert "CoulombFriction at joint is missing from Pendulum" in out
     document = json.loads(json_file.read_text())
     assert {
         "verdict",

@@ -30,9 +30,9 @@ from twinproof.cli.options import (
     parse_names,
     parse_params,
 )
-from twinproof.cli.tables import with_sd
 from twinproof.documents import Document, document
 from twinproof.model import Model
+from twinproof.report.numbers import significant, typeset, uncertain
 
 
 @click.command()
@@ -168,7 +168,8 @@ def _table(bound: Bound, units: dict[str, str]) -> Table:
     for name, sd in bound.sd.items():
         value = bound.values[name]
         share = f"{100 * sd / abs(value):.2g} %" if value and np.isfinite(sd) else ""
-        table.add_row(name, with_sd(value, sd), units[name], share)
+        known = uncertain(value, sd) if np.isfinite(sd) else f"{significant(value, 4)} (unseen)"
+        table.add_row(name, known, typeset(units[name]), share)
     return table
 
 

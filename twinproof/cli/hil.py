@@ -7,6 +7,7 @@ from pathlib import Path
 
 import click
 from rich.table import Table
+from rich.text import Text
 
 from hil.criteria import Verdict
 from hil.junit import write_junit
@@ -134,7 +135,7 @@ def _verdict_table(verdicts: tuple[Verdict, ...]) -> Table:
     for heading in ("criterion", "found", "limit", ""):
         table.add_column(heading, justify="left" if heading == "criterion" else "right")
     for v in verdicts:
-        mark = "[green]met[/]" if v.passed else "[red]not met[/]"
+        mark = Text("met", "green") if v.passed else Text("not met", "red")
         table.add_row(v.name, v.detail, f"{v.limit:.4g}", mark)
     return table
 

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import click
+from rich.text import Text
 
 from foundation.files import write_text
 from identification.discovery.diagnosis import Diagnosis, Outcome
 from identification.discovery.extension import text_diff
 from identification.estimators import ESTIMATORS
-from identification.problem import Problem
 from recordings import Recording
 from twinproof import api, documents
 from twinproof.cli import tables
@@ -31,16 +31,9 @@ from twinproof.cli.options import (
 from twinproof.model import Model
 from twinproof.report import write_comparison, write_diagnosis, write_identification
 from twinproof.report.comparison import error_sentence
-from twinproof.report.picture import unit_of
+from twinproof.report.tables import estimate_rows, fit_rows
+from twinproof.report.wording import diagnosis_headline, improvement_headline, remaining
 from twinproof.results import write_improvement
-
-SAID = {
-    Outcome.COMPLETE: "nothing is missing: what is left is the sensors' noise",
-    Outcome.EFFECT: "an effect is missing",
-    Outcome.UNDETERMINED: "an effect is missing, and this record does not tell which of several",
-    Outcome.UNKNOWN_SHAPE: "something is left that no effect of the library explains",
-    Outcome.SENSOR: "a sensor is wrong, not the dynamics",
-}
 
 
 @click.command()
@@ -58,9 +51,8 @@ def compare(request: Request, horizon: str, report_dir: Path | None) -> None:
     result = api.compare(
         request.model, request.recording, parameters=request.parameters, horizon=horizon
     )
-    units = _units(result.problem)
-    output.console.print(tables.channels(result.comparison, units, result.horizon))
-    output.console.print(tables.failures(result.comparison, units))
+    output.console.print(tables.channels(result.problem, result.comparison))
+    output.console.print(tables.failures(result.problem, result.comparison))
     if report_dir is not None:
         write_comparison(
             result.comparison, result.problem, report_dir / "report.html", command=command_line()
@@ -113,13 +105,13 @@ def identify(
         horizon=horizon,
         priors=parse_priors(priors),
     )
-    output.console.print(tables.parameters(result.estimate))
+    output.console.print(
+        tables.parameters(estimate_rows(result.estimate, result.problem), result.estimate.method)
+    )
     for record in result.records:
         if also:
-            output.console.print(record.origin, markup=False, soft_wrap=True)
-        output.console.print(
-            tables.channels(record.comparison, _units(record.problem), record.horizon)
-        )
+            output.console.print(record.origin, soft_wrap=True)
+        output.console.print(tables.channels(record.problem, record.comparison))
     for warning in result.estimate.warnings:
         output.note(f"warning: {warning}")
     if report_dir is not None:
@@ -167,7 +159,7 @@ def diagnose(
         )
     found = result.diagnosis
     output.console.print(tables.ranking(found))
-    output.console.print(f"[bold]{found.outcome.value}[/bold]: {SAID[found.outcome]}")
+    _print_verdict(output, found.outcome, diagnosis_headline(found, result.problem.dae.name))
     _print_what_is_left(output, found)
     for tie in found.ties:
         output.console.print("not told apart: " + ", ".join(tie))
@@ -227,16 +219,12 @@ def extend(
     extended = api.extend(chosen, additions, name=stem if stem.isidentifier() else None)
     difference = text_diff(chosen.source, extended)
     write_text(output_path, extended.source.text)
-    output.console.print(difference, markup=False, soft_wrap=True)
+    output.console.print(difference, soft_wrap=True)
     output.document(
         documents.document(
             "extend", {"model": f"{output_path}:{extended.name}", "diff": difference}
         )
     )
-
-
-def _units(problem: Problem) -> dict[str, str]:
-    return {name: unit_of(problem, name) for name in problem.output_names}
 
 
 def _together_notes(records: Sequence[api.FittedRecord]) -> list[str]:
@@ -298,6 +286,10 @@ def improve(
     )
 
 
+def _print_verdict(output: Output, outcome: Outcome, sentence: str) -> None:
+    output.console.print(Text.assemble((outcome.value, "bold"), ": ", sentence), soft_wrap=True)
+
+
 def _print_what_is_left(output: Output, diagnosis: Diagnosis) -> None:
     if diagnosis.disturbance:
         output.console.print(f"beside an unknown disturbance: {diagnosis.disturbance}")
@@ -335,10 +327,12 @@ def run_improvement(
         )
         files = write_improvement(result, folder, command=command, progress=progress)
     found = result.improvement
-    output.console.print(tables.ladder(found))
-    if not found.added:
-        output.console.print("nothing was added")
-    output.console.print(f"[bold]{found.outcome.value}[/bold]: {SAID[found.outcome]}")
-    _print_what_is_left(output, found.steps[-1].diagnosis)
+    last = found.steps[-1]
+    rows = fit_rows(last.model, last.fit, result.problem)
+    output.console.print(tables.ladder(found, result.problem))
+    output.console.print(tables.parameters(rows, f"step {last.number}"))
+    output.console.print(improvement_headline(found), soft_wrap=True)
+    _print_verdict(output, found.outcome, f"what is left: {remaining(found)}")
+    _print_what_is_left(output, last.diagnosis)
     output.console.print(f"report: {folder / 'report.html'}", soft_wrap=True)
     output.document(documents.improved(result, files))

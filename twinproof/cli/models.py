@@ -9,6 +9,7 @@ import click
 import numpy as np
 import pandas as pd
 from rich.table import Table
+from rich.text import Text
 
 from fmus.checking import check_fmu
 from fmus.compiler import NATIVE, TARGETS
@@ -118,7 +119,7 @@ def check(context: click.Context, fmu: Path, json_path: str | None) -> None:
     checks = check_fmu(fmu)
     table = Table("check", "", "seen")
     for line in checks:
-        table.add_row(line.name, "pass" if line.ok else "[bold]FAIL[/bold]", line.detail)
+        table.add_row(line.name, "pass" if line.ok else Text("FAIL", style="bold"), line.detail)
     output.console.print(table)
     output.document(
         documents.document(

@@ -89,12 +89,17 @@ def parse_params(params: tuple[str, ...]) -> dict[str, float]:
 
     Raises:
         InputError: A word is not of that form.
+
+    Example:
+        >>> parse_params(("M=95.1", "d_a=−39.9"))
+        {'M': 95.1, 'd_a': -39.9}
     """
     values: dict[str, float] = {}
     for word in params:
         name, _, number = word.partition("=")
         try:
-            values[name] = float(number)
+            # Copied from one of our tables, a number may have a typographic minus.
+            values[name] = float(number.replace("−", "-"))
         except ValueError:
             raise InputError(
                 f"'{word}' is not NAME=NUMBER", where="--param", remedy="write it like M=95.1"
@@ -236,8 +241,10 @@ class Output:
         self._json_path = json_path
         # A pipe or a file has no width of its own: wide enough that no name is cut.
         width = None if sys.stdout.isatty() else _PIPE_WIDTH
-        self.console = Console(quiet=json_path == "-", highlight=False, width=width)
-        self._errors = Console(stderr=True, highlight=False)
+        # No markup: brackets in what is printed are units, indices and ranges.
+        plain = {"highlight": False, "markup": False, "emoji": False}
+        self.console = Console(quiet=json_path == "-", width=width, **plain)
+        self._errors = Console(stderr=True, **plain)
 
     def document(self, value: Document) -> None:
         """Write the JSON document, if one was asked for."""
@@ -248,7 +255,7 @@ class Output:
 
     def note(self, text: str) -> None:
         """Say something on standard error."""
-        self._errors.print(f"twinproof: {text}", soft_wrap=True, markup=False)
+        self._errors.print(f"twinproof: {text}", soft_wrap=True)
 
     @contextmanager
     def progress(self) -> Generator[Callable[[str], None]]:

@@ -11,8 +11,8 @@ from rich.table import Table
 from identification.pole_placement import METHODS, Placement, place, read_poles, samples_of
 from recordings import load
 from twinproof.cli.options import Output, data_options, json_option, parse_names
-from twinproof.cli.tables import with_sd
 from twinproof.documents import Document, document
+from twinproof.report.numbers import uncertain
 
 
 @click.command("place-poles")
@@ -123,7 +123,7 @@ def _model_table(found: Placement) -> Table:
     values = np.hstack([found.A, found.B])
     doubts = np.hstack([found.A_sd, found.B_sd])
     for name, row, sd in zip(found.samples.state_names, values, doubts, strict=True):
-        table.add_row(name, *(with_sd(float(v), float(s)) for v, s in zip(row, sd, strict=True)))
+        table.add_row(name, *(uncertain(float(v), float(s)) for v, s in zip(row, sd, strict=True)))
     return table
 
 
