@@ -166,6 +166,11 @@ def _fit(parts: Sequence[Part], start: Fit, x0: Matrix, sd: Vector, *, free: Seq
     return fit_together(parts, x0, start.values, free=free, fixed_sd=sd, iterations=20)
 
 
+def _in_words(chance: float) -> str:
+    # Further out, the distribution's tail is the approximation's, not the data's.
+    return "p < 1e-15" if chance < 1e-15 else f"p = {chance:.1g}"
+
+
 def _above_zero(squares: Vector) -> Vector:
     """Without noise a right model leaves nothing, whose logarithm means nothing."""
     return np.fmax(squares, 1e-300)
@@ -212,6 +217,6 @@ def _judge(
         accepted = True
         reason = (
             f"it removes {100 * removed:.0f} % of the squared error above the noise on "
-            f"unseen windows (p = {chance:.1g})"
+            f"unseen windows ({_in_words(chance)})"
         )
     return Verdict(accepted, chance, removed, np.sqrt(mean_before), np.sqrt(mean_after), reason)

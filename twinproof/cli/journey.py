@@ -299,7 +299,8 @@ def _print_what_is_left(output: Output, diagnosis: Diagnosis) -> None:
         output.console.print(
             f"a curve over {proposal.over} at {proposal.refit.addition.place.name} explains "
             f"{100 * proposal.verdict.removed:.0f} % of it on unseen windows{nearest}; "
-            f"to have it: extend --add {proposal.addition}"
+            f"to have it: extend --add {proposal.addition}",
+            soft_wrap=True,
         )
 
 

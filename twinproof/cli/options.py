@@ -242,9 +242,10 @@ class Output:
         # A pipe or a file has no width of its own: wide enough that no name is cut.
         width = None if sys.stdout.isatty() else _PIPE_WIDTH
         # No markup: brackets in what is printed are units, indices and ranges.
-        plain = {"highlight": False, "markup": False, "emoji": False}
-        self.console = Console(quiet=json_path == "-", width=width, **plain)
-        self._errors = Console(stderr=True, **plain)
+        self.console = Console(
+            quiet=json_path == "-", highlight=False, markup=False, emoji=False, width=width
+        )
+        self._errors = Console(stderr=True, highlight=False, markup=False, emoji=False)
 
     def document(self, value: Document) -> None:
         """Write the JSON document, if one was asked for."""

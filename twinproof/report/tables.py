@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from identification.comparison import Comparison
@@ -179,9 +179,9 @@ def _candidate(row: Ranked, diagnosis: Diagnosis, best: float) -> CandidateRow:
     what, reason = fate(row, diagnosis)
     return CandidateRow(
         row.label,
-        significant(row.evidence) if row.refitted else "",
+        _not_less(row.evidence, 0.01, significant) if row.refitted else "",
         100.0 * min(max(share, 0.0), 1.0),
-        percent(max(row.explains, 0.0)) if row.explains > 0 else "0 %",
+        _not_less(max(row.explains, 0.0), 1e-4, percent, "0 %"),
         tuple(
             with_unit(f"{name} = {uncertain(value, sd)}", unit)
             for name, (value, sd, unit) in row.parameters.items()
@@ -189,6 +189,11 @@ def _candidate(row: Ranked, diagnosis: Diagnosis, best: float) -> CandidateRow:
         what,
         reason,
     )
+
+
+def _not_less(value: float, least: float, shown: Callable[[float], str], nothing: str = "0") -> str:
+    """Return a number, or nothing where its size means nothing."""
+    return nothing if abs(value) < least else shown(value)
 
 
 def diff_rows(text: str) -> list[tuple[str, str]]:
