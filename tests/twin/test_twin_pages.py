@@ -7,6 +7,7 @@ import pytest
 from live_server import served
 from scripted import drift, scripted_service, settle
 
+from tests.accessibility import barriers
 from twin.api import make_app
 from twin.tokens import Tokens, add_token, read_tokens
 
@@ -143,6 +144,13 @@ def test_pages_fit_a_phone(page, site, path):
         "all => all.filter((e) => e.getBoundingClientRect().height < 40).length"
     )
     assert small == 0
+
+
+@pytest.mark.parametrize("path", ["/", "/pages/twin?name=robot", "/pages/events"])
+def test_nothing_keeps_people_out_in_light_or_dark(page, site, path):
+    page.goto(site[0] + path)
+    page.locator("li, [data-parameter]").first.wait_for()
+    assert barriers(page) == []
 
 
 def test_a_token_is_asked_for_where_one_is_needed(page, tmp_path):

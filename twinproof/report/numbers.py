@@ -13,6 +13,7 @@ _PREFIXES = ((1e-9, "n"), (1e-6, "µ"), (1e-3, "m"), (1.0, ""), (1e3, "k"))
 _LEADING = re.compile(r"(rad|Hz|[msNVAW])(?=$|[./])")
 # Nobody speaks of kilometres of a carriage, or of kiloradians.
 _NEVER_KILO = {"m", "s", "rad"}
+_MOST_DIGITS = 9
 
 
 @dataclass(frozen=True)
@@ -77,6 +78,10 @@ def uncertain(value: float, sd: float) -> str:
     Example:
         >>> uncertain(21.1747, 0.3142), uncertain(95123.4, 210.0), uncertain(1.5e-7, 2e-9)
         ('21.17 ± 0.31', '95120 ± 210', '(1.500 ± 0.020)·10⁻⁷')
+
+    A simulated record without noise is known to more digits than anyone reads:
+        >>> uncertain(4.3, 3.7e-14)
+        '4.30000000 ± 3.7·10⁻¹⁴'
     """
     if not math.isfinite(sd) or sd <= 0.0:
         return significant(value, 4)
@@ -90,6 +95,8 @@ def uncertain(value: float, sd: float) -> str:
             f"·10{_raised(exponent)}"
         )
     places = _places(sd)
+    if places + exponent >= _MOST_DIGITS:
+        return f"{significant(value, _MOST_DIGITS)} ± {significant(sd, 2)}"
     return f"{_plain(value, places)} ± {_plain(sd, places)}"
 
 

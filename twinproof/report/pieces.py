@@ -8,11 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from foundation.errors import TwinproofError
-from identification.comparison import Comparison
+from identification.comparison import Comparison, Failure
 from identification.discovery.diagnosis import Diagnosis
 from identification.discovery.shape import missing_force
 from identification.estimate import Estimate
 from identification.problem import Problem
+from twinproof.answers import FittedRecord
 from twinproof.report import ladder_plot, record_plots, shape_plot, wording
 from twinproof.report.comparison import error_sentence
 from twinproof.report.diagnosis import MEANS
@@ -23,7 +24,9 @@ from twinproof.report.picture import Picture, unit_of
 from twinproof.report.record_plots import Run
 from twinproof.report.svg import Role
 from twinproof.report.tables import (
+    ChannelRow,
     ParameterRow,
+    SpanRow,
     candidate_rows,
     channel_rows,
     diff_rows,
@@ -32,24 +35,44 @@ from twinproof.report.tables import (
 )
 
 
-def comparison_piece(
-    problem: Problem, comparison: Comparison, estimate: Estimate | None = None
-) -> str:
-    """Return errors, spans that can be looked at, and errors against what was observed."""
-    run = Run(problem.dae.name, Role.LAST, comparison)
-    at_noise = wording.at_noise(comparison)
+@dataclass(frozen=True)
+class _Compared:
+    origin: str
+    summary: str
+    channels: list[ChannelRow]
+    horizon_name: str
+    spans: list[tuple[SpanRow, Failure]]
+    over_variables: list[Picture]
+
+
+def comparison_piece(records: Sequence[FittedRecord], estimate: Estimate | None = None) -> str:
+    """Return errors, spans that can be looked at, and errors against what was observed.
+
+    Args:
+        records: At least one, compared with the same model.
+        estimate: Its parameters, where they were fitted.
+    """
     return render(
         "piece_comparison.html",
-        summary=error_sentence(problem, comparison),
-        channels=channel_rows(problem, comparison),
-        horizon_name=wording.horizon_name(comparison.prediction.horizon),
-        spans=[]
-        if at_noise
-        else list(zip(span_rows(problem, comparison), comparison.worst, strict=True)),
-        over_variables=record_plots.residual_over_variables(problem, [run], "wb-over"),
-        parameters=[] if estimate is None else estimate_rows(estimate, problem),
+        records=[_compared(record, f"wb-over-{k}") for k, record in enumerate(records)],
+        parameters=[] if estimate is None else estimate_rows(estimate, records[0].problem),
         condition_number="" if estimate is None else significant(estimate.condition_number, 2),
         warnings=() if estimate is None else estimate.warnings,
+    )
+
+
+def _compared(record: FittedRecord, picture: str) -> _Compared:
+    problem, comparison = record.problem, record.comparison
+    run = Run(problem.dae.name, Role.LAST, comparison)
+    return _Compared(
+        record.origin,
+        error_sentence(problem, comparison),
+        channel_rows(problem, comparison),
+        wording.horizon_name(comparison.prediction.horizon),
+        []
+        if wording.at_noise(comparison)
+        else list(zip(span_rows(problem, comparison), comparison.worst, strict=True)),
+        record_plots.residual_over_variables(problem, [run], picture),
     )
 
 

@@ -83,6 +83,11 @@ class Choices:
         return _words(self.also)
 
     @property
+    def fitted_words(self) -> tuple[str, ...]:
+        """All DATA that are fitted at once."""
+        return (self.recording, *self.also_words)
+
+    @property
     def library_words(self) -> tuple[str, ...]:
         """The folders of further libraries, one by one."""
         return _words(self.libraries)
@@ -210,6 +215,10 @@ class Project:
             if path.is_file() and path.name.lower().endswith(tuple(endings))
         )
 
+    def curves(self, record: int) -> Path:
+        """Return where the curves of one of the records compared are."""
+        return self.cache / "compare" / str(record)
+
     def write_result(self, name: str, document: Mapping[str, Any], page: str) -> None:
         """Write a result: its document, as the command line's `--json`, and its piece of page."""
         self._ignore_cache()
@@ -253,10 +262,18 @@ class Project:
             "channels": text,
         }
 
-    def command(self, name: str, *, model: str | None = None, more: Sequence[str] = ()) -> str:
+    def command(
+        self,
+        name: str,
+        *,
+        model: str | None = None,
+        recording: str | None = None,
+        more: Sequence[str] = (),
+    ) -> str:
         """Return the command line that does the same, to be typed in the project's folder."""
         choices = self.choices
-        words = ["twinproof", name, model or choices.present_model, choices.recording, *more]
+        data = recording or choices.recording
+        words = ["twinproof", name, model or choices.present_model, data, *more]
         if self.map_file.is_file():
             words += ["--map", _MAP]
         if choices.dbc:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import shlex
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -22,6 +22,7 @@ from identification.prediction import WINDOW
 from identification.problem import Problem
 from recordings import Recording
 from twinproof import api, documents
+from twinproof.answers import Compared, FittedRecord
 from twinproof.model import Model
 from twinproof.report import pieces
 from twinproof.report.picture import unit_of
@@ -63,38 +64,49 @@ def look(project: Project, _arguments: Mapping[str, str], progress: Progress) ->
 
 
 def compare(project: Project, _arguments: Mapping[str, str], progress: Progress) -> None:
-    """Compare the present model with the record."""
-    model, recording = _present(project, progress)
-    progress("simulating")
-    result = api.compare(model, recording, horizon=project.choices.horizon)
-    progress("drawing")
-    _save_curves(project, result.problem, result.comparison)
-    project.write_result(
-        "compare",
-        {**documents.compared(result), "command": project.command("compare")},
-        pieces.comparison_piece(result.problem, result.comparison),
+    """Compare the present model with every record."""
+    model, recordings = _present(project, progress)
+    words = project.choices.fitted_words
+    results: list[Compared] = []
+    for word, recording in zip(words, recordings, strict=True):
+        progress(f"simulating {word}")
+        results.append(api.compare(model, recording, horizon=project.choices.horizon))
+    records = [
+        FittedRecord(word, found.problem, found.comparison, found.horizon)
+        for word, found in zip(words, results, strict=True)
+    ]
+    _write_comparison(
+        project,
+        {
+            **documents.compared(results[0]),
+            "records": [documents.fitted_record(record) for record in records],
+            "command": project.command("compare"),
+        },
+        records,
+        None,
+        progress,
     )
 
 
 def identify(project: Project, _arguments: Mapping[str, str], progress: Progress) -> None:
     """Fit the present model's parameters, then compare."""
-    model, recording = _present(project, progress)
-    records = [recording, *_further(project, model)]
+    model, recordings = _present(project, progress)
     progress("fitting the parameters")
-    result = api.identify(model, records, horizon=project.choices.horizon)
-    progress("drawing")
-    _save_curves(project, result.problem, result.comparison)
-    project.write_result(
-        "compare",
+    result = api.identify(model, recordings, horizon=project.choices.horizon)
+    words = project.choices.fitted_words
+    _write_comparison(
+        project,
         {**documents.identified(result), "command": project.command("identify")},
-        pieces.comparison_piece(result.problem, result.comparison, result.estimate),
+        [replace(record, origin=word) for word, record in zip(words, result.records, strict=True)],
+        result.estimate,
+        progress,
     )
 
 
 def diagnose(project: Project, _arguments: Mapping[str, str], progress: Progress) -> None:
     """Find out what the present model lacks."""
-    model, recording = _present(project, progress)
-    result = api.diagnose(model, [recording, *_further(project, model)], progress=progress)
+    model, recordings = _present(project, progress)
+    result = api.diagnose(model, recordings, progress=progress)
     progress("drawing")
     project.write_result(
         "diagnose",
@@ -106,11 +118,10 @@ def diagnose(project: Project, _arguments: Mapping[str, str], progress: Progress
 def propose(project: Project, arguments: Mapping[str, str], progress: Progress) -> None:
     """Write the model with one more effect, refit it, and show what changes."""
     choices = project.choices
-    present, recording = _present(project, progress)
+    present, records = _present(project, progress)
     base = _model(project, choices.model)
     earlier = choices.steps[-1].additions if choices.steps else ()
     number = len(choices.steps) + 1
-    records = [recording, *_further(project, present)]
     with of_field("add"):
         text = arguments.get("add", "").strip()
         if not text:
@@ -126,7 +137,7 @@ def propose(project: Project, arguments: Mapping[str, str], progress: Progress) 
     if after.horizon is None:
         progress("comparing over windows of 1 s")
         first, second = (
-            api.compare(one, recording, parameters=found.estimate.values, horizon=WINDOW)
+            api.compare(one, records[0], parameters=found.estimate.values, horizon=WINDOW)
             for one, found in ((present, before), (with_effect, after))
         )
         short = first.comparison, second.comparison
@@ -171,18 +182,17 @@ def _spelled(label: str, values: Mapping[str, float]) -> str:
 def score(project: Project, _arguments: Mapping[str, str], progress: Progress) -> None:
     """Refit every accepted step, and score it on the fitted and on the unseen record."""
     choices = project.choices
-    model, recording = _read(project, choices.model, choices.recording, "recording", progress)
+    model, records = _read(project, choices.model, progress)
     words = [(choices.model, "", model)]
     for step in choices.steps:
         with of_field("model"):
             label = step.additions[-1].partition(",")[0]
             words.append((step.model, label, _model(project, step.model)))
-    records = [recording, *_further(project, model)]
     # The last model says over which length errors are meaningful; one rule for all steps.
     horizon: float | str | None = choices.horizon
     if horizon == "auto":
         progress("choosing the horizon")
-        horizon = api.compare(words[-1][2], recording).horizon
+        horizon = api.compare(words[-1][2], records[0]).horizon
     steps: list[pieces.Scored] = []
     for number, (_, label, one) in enumerate(words):
         progress(f"fitting step {number} of {len(words) - 1}")
@@ -226,10 +236,9 @@ def improve(project: Project, _arguments: Mapping[str, str], progress: Progress)
     with of_field("holdout"):
         if not choices.holdout:
             raise InputError("no unseen record is chosen", remedy="choose one, under Data")
-    model, recording = _read(project, choices.model, choices.recording, "recording", progress)
+    model, records = _read(project, choices.model, progress)
     with of_field("holdout"):
         unseen = _recording(project, choices.holdout, model)
-    records = [recording, *_further(project, model)]
     with of_field("max_effects"):
         try:
             most = int(choices.max_effects)
@@ -299,9 +308,8 @@ def run(name: str, folder: Path, arguments: Mapping[str, str], progress: Progres
         raise
 
 
-def _present(project: Project, progress: Progress) -> tuple[Model, Recording]:
-    choices = project.choices
-    return _read(project, choices.present_model, choices.recording, "recording", progress)
+def _present(project: Project, progress: Progress) -> tuple[Model, list[Recording]]:
+    return _read(project, project.choices.present_model, progress)
 
 
 def _model(project: Project, word: str) -> Model:
@@ -310,25 +318,22 @@ def _model(project: Project, word: str) -> Model:
     return Model.of(word, libraries)
 
 
-def _further(project: Project, model: Model) -> list[Recording]:
-    """Return the further records of the same machine."""
-    with of_field("also"):
-        return [_recording(project, word, model) for word in project.choices.also_words]
-
-
-def _read(
-    project: Project, word: str, data: str, field: str, progress: Progress
-) -> tuple[Model, Recording]:
+def _read(project: Project, word: str, progress: Progress) -> tuple[Model, list[Recording]]:
+    """Return a model, and all records that are fitted at once."""
+    choices = project.choices
     progress("reading model and record")
     with of_field("model"):
         if not word:
             raise InputError("no model is chosen", remedy="choose one, under Data")
         model = _model(project, word)
         _ = model.dae
-    with of_field(field):
-        if not data:
+    with of_field("recording"):
+        if not choices.recording:
             raise InputError("no recording is chosen", remedy="choose one, under Data")
-        return model, _recording(project, data, model)
+        recording = _recording(project, choices.recording, model)
+    with of_field("also"):
+        also = [_recording(project, data, model) for data in choices.also_words]
+    return model, [recording, *also]
 
 
 def _recording(project: Project, data: str, model: Model) -> Recording:
@@ -341,7 +346,24 @@ def _recording(project: Project, data: str, model: Model) -> Recording:
     )
 
 
-def _save_curves(project: Project, problem: Problem, comparison: Comparison) -> None:
+def _write_comparison(
+    project: Project,
+    document: documents.Document,
+    records: Sequence[FittedRecord],
+    estimate: Estimate | None,
+    progress: Progress,
+) -> None:
+    progress("drawing")
+    for number, record in enumerate(records):
+        _save_curves(project.curves(number), record.problem, record.comparison)
+    project.write_result(
+        "compare",
+        document,
+        pieces.comparison_piece(records, estimate),
+    )
+
+
+def _save_curves(folder: Path, problem: Problem, comparison: Comparison) -> None:
     prediction = comparison.prediction
     drawn: dict[str, Any] = {}
     channels: list[dict[str, Any]] = []
@@ -351,6 +373,4 @@ def _save_curves(project: Project, problem: Problem, comparison: Comparison) -> 
         drawn[f"{name} error"] = np.where(prediction.scored, prediction.error[:, k], np.nan)
         channels.append({"name": name, "unit": unit_of(problem, name)})
     spans = [{"begin": f.begin, "end": f.end, "channel": f.channel} for f in comparison.worst]
-    curves.save(
-        project.cache / "compare", problem.time, drawn, {"channels": channels, "spans": spans}
-    )
+    curves.save(folder, problem.time, drawn, {"channels": channels, "spans": spans})

@@ -146,9 +146,7 @@ def _kill(process: subprocess.Popen[str]) -> None:
         else:
             process.kill()
         process.wait()
-    for stream in (process.stdin, process.stdout):
-        if stream is not None and stream is process.stdin:
-            stream.close()
+    _pipe(process.stdin).close()
 
 
 def main(folder: Path) -> None:

@@ -241,7 +241,7 @@ def test_25_s_of_six_channels_at_1_khz_pan_smoothly(page: Page, workbench: Runni
         drawn[f"y{k} simulated"] = simulated
         drawn[f"y{k} error"] = drawn[f"y{k} measured"] - simulated
     channels = [{"name": f"y{k}", "unit": "rad"} for k in range(6)]
-    curves.save(project.cache / "compare", time, drawn, {"channels": channels, "spans": []})
+    curves.save(project.curves(0), time, drawn, {"channels": channels, "spans": []})
     project.write_result("compare", {"nrmse": 0.05}, "<p>drawn</p>")
     tab(page, "compare")
     page.reload()

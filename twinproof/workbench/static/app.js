@@ -9,6 +9,7 @@ const TABS = $$("[data-tab]").map((section) => section.dataset.tab);
 let state = null;
 const errors = {}; // field → text; from the last answer that spoke of it
 const stamps = {}; // piece → version shown
+let settled = null; // when the last job began whose end was taken note of
 const plots = new Plots($("#panels"), (begin, end) => {
   $("#range").textContent = `${number(begin)} to ${number(end)} s`;
 });
@@ -65,9 +66,12 @@ async function send(method, path, body, field = "") {
 
 function take(found) {
   const job = found.job;
-  const before = state?.job;
   state = found;
-  if (job && before && before.began === job.began && before.status === "running" && job.status !== "running") ended(job);
+  // Whether or not it was ever seen running: one that fails at once is over before the next look.
+  if (job && job.status !== "running" && job.began !== settled) {
+    settled = job.began;
+    ended(job);
+  }
   render();
   if (job?.status === "running") setTimeout(poll, 350);
 }
@@ -151,9 +155,13 @@ function setUp() {
   const views = { whole: () => plots.whole(), in: () => plots.zoom(0.5), out: () => plots.zoom(2),
     left: () => plots.pan(-0.25), right: () => plots.pan(0.25) };
   for (const button of $$("[data-view]")) button.addEventListener("click", views[button.dataset.view]);
-  document.addEventListener("click", (event) => {
+  $("#record").addEventListener("change", (event) => plots.load(Number(event.target.value)));
+  document.addEventListener("click", async (event) => {
     const span = event.target.closest("button.span");
     if (!span) return;
+    const record = Number(span.closest("[data-record]").dataset.record);
+    if (record !== plots.record) await plots.load(record);
+    $("#record").value = String(record);
     const begin = Number(span.dataset.begin), end = Number(span.dataset.end), room = 0.3 * (end - begin);
     plots.show(begin - room, end + room);
     $("#plots").scrollIntoView();
@@ -307,7 +315,10 @@ async function renderPieces(results) {
     box.innerHTML = await (await fetch(`/api/pieces/${name}`)).text();
     if (name === "compare") {
       $("#plots").hidden = false;
-      await plots.load();
+      const records = results.compare.records;
+      $("#record-line").hidden = records.length < 2;
+      $("#record").replaceChildren(...records.map((name, k) => element("option", { value: String(k) }, name)));
+      await plots.load(0);
     }
   }
 }

@@ -17,10 +17,12 @@ export class Plots {
     box.addEventListener("keydown", (event) => this.#key(event));
   }
 
-  async load() {
-    const answer = await fetch("/api/about");
+  // Show one of the records compared.
+  async load(record) {
+    const answer = await fetch(`/api/about?record=${record}`);
     if (!answer.ok) return;
     const before = this.about;
+    this.record = record;
     this.about = await answer.json();
     const same = before && before.begin === this.about.begin && before.end === this.about.end;
     if (!same) this.view = [this.about.begin, this.about.end];
@@ -71,7 +73,7 @@ export class Plots {
     this.abort?.abort();
     this.abort = new AbortController();
     try {
-      const answer = await fetch(`/api/curves?begin=${begin}&end=${end}&points=${points}`,
+      const answer = await fetch(`/api/curves?record=${this.record}&begin=${begin}&end=${end}&points=${points}`,
         { signal: this.abort.signal });
       const bytes = await answer.arrayBuffer();
       const curves = this.about.curves.length, m = bytes.byteLength / (8 + 4 * curves);
