@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pandas as pd
 import pytest
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Browser, Page, expect
 
 from tests.accessibility import barriers
 from tests.twinproof.workbench.conftest import Running
@@ -80,9 +80,11 @@ def do_all_steps(page: Page, workbench: Running) -> None:
     assert ladder["holdout_nrmse"][1] < 0.2 * ladder["holdout_nrmse"][0]
 
 
-def test_the_audit_sees_barriers(page: Page) -> None:
+def test_the_audit_sees_barriers(browser: Browser) -> None:
+    page = browser.new_page()
     page.set_content("<title>a</title><main><button></button></main>")
     assert {text.split(": ")[1] for text in barriers(page)} >= {"button-name", "html-has-lang"}
+    page.close()
 
 
 @pytest.mark.slow
