@@ -12,7 +12,11 @@ import pytest
 from click.shell_completion import ShellComplete
 from click.testing import CliRunner
 
+from identification.estimators import ESTIMATORS
+from recordings import list_sets
+from recordings.readers import READERS
 from twinproof.cli import command
+from twinproof.cli.completing import DATA_SUFFIXES, METHODS
 
 CONTEXT = click.Context(command, info_name="twinproof")
 NAMES = command.list_commands(CONTEXT)
@@ -53,10 +57,16 @@ def test_every_command_has_an_example_and_explains_its_options(
             assert option.help, f"{words} {option.opts}"
 
 
-def test_help_and_completion_do_not_wait_for_the_numerical_packages() -> None:
+@pytest.mark.parametrize("words", [[], ["compare"], ["simulate"]])
+def test_help_and_completion_do_not_wait_for_the_numerical_packages(words: list[str]) -> None:
     script = (
         "import sys; from twinproof.cli import command; from click.testing import CliRunner;"
-        "r = CliRunner().invoke(command, ['--help']); assert r.exit_code == 0, r.output;"
+        f"r = CliRunner().invoke(command, {[*words, '--help']});"
+        "assert r.exit_code == 0, r.output;"
+        "from click.shell_completion import ShellComplete;"
+        "c = ShellComplete(command, {}, 'twinproof', '_X');"
+        f"assert c.get_completions({words}, '');"
+        "assert c.get_completions(['compare', 'm'], 'emps');"
         "slow = {'numpy', 'scipy', 'casadi', 'pandas', 'matplotlib'} & set(sys.modules);"
         "sys.exit(str(slow) if slow else 0)"
     )
@@ -70,6 +80,54 @@ def test_a_shell_completes_commands_and_options() -> None:
     completion = ShellComplete(command, {}, "twinproof", "_TWINPROOF_COMPLETE")
     assert [c.value for c in completion.get_completions([], "id")] == ["identify"]
     assert "--holdout" in [c.value for c in completion.get_completions(["improve"], "--")]
+
+
+def offered(words: list[str], incomplete: str) -> list[str]:
+    completion = ShellComplete(command, {}, "twinproof", "_TWINPROOF_COMPLETE")
+    return [c.value for c in completion.get_completions(words, incomplete)]
+
+
+def test_a_shell_completes_models_and_data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    package = tmp_path / "lab" / "Lab"
+    (package / "Inner").mkdir(parents=True)
+    (package / "package.mo").write_text("within ;\npackage Lab\nend Lab;\n")
+    (package / "Axis.mo").write_text("within Lab;\nmodel Axis\nend Axis;\n")
+    (package / "Inner" / "package.mo").write_text("within Lab;\npackage Inner\nend Inner;\n")
+    (package / "Inner" / "Deep.mo").write_text("within Lab.Inner;\nmodel Deep\nend Deep;\n")
+    (tmp_path / "two.mo").write_text(
+        'package Two "no model Not"\n model A\n end A;\n model B\n end B;\nend Two;\n'
+    )
+    (tmp_path / "plant.fmu").touch()
+    (tmp_path / "runs").mkdir()
+    for name in ("one.BLF", "two.csv", "notes.txt", ".hidden.csv"):
+        (tmp_path / "runs" / name).touch()
+    monkeypatch.chdir(tmp_path)
+    assert offered(["compare"], "Twinproof.Plants.P") == [
+        "Twinproof.Plants.Pendulum",
+        "Twinproof.Plants.Positioner",
+    ]
+    assert offered(["places"], "t") == ["two.mo:Two.A", "two.mo:Two.B"]
+    assert offered(["places"], "two.mo:Two.B") == ["two.mo:Two.B"]
+    assert offered(["compare"], "p") == ["plant.fmu"]
+    assert offered(["check"], "") == ["lab/", "plant.fmu", "runs/"]
+    found = offered(["compare", "--modelica-path", "lab"], "Lab.")
+    assert found == ["Lab.Axis", "Lab.Inner.Deep"]
+    assert offered(["compare", "two.mo"], "emps") == ["emps", "emps-pulses"]
+    assert offered(["improve", "two.mo", "emps", "--holdout"], "runs/") == [
+        "runs/one.BLF",
+        "runs/two.csv",
+    ]
+    assert offered(["identify", "two.mo", "emps", "--also"], "ru") == ["runs/"]
+    assert offered(["identify", "two.mo", "emps", "--method"], "out") == [
+        "output-filter",
+        "output-error",
+    ]
+
+
+def test_what_completion_offers_is_what_there_is() -> None:
+    assert tuple(ESTIMATORS) == METHODS
+    assert {s for r in READERS for s in r.suffixes} == set(DATA_SUFFIXES)
+    assert [s.name for s in list_sets()] == offered(["compare", "m"], "")[: len(list_sets())]
 
 
 def test_bash_takes_the_script_and_completes_with_it(tmp_path: Path) -> None:

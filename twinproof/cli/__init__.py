@@ -58,7 +58,8 @@ _COMMANDS = {
     ),
     "hil": _Home("hil", "Hardware in the loop: controllers against a plant over a CAN bus."),
     "completion": _Home(
-        "completion", "Print the script that makes a SHELL complete commands and options."
+        "completion",
+        "Print the script that makes a SHELL complete commands, options, MODEL and DATA.",
     ),
     "whatif": _Home("whatif", "Run STUDY.toml; exit status 1 if a run does not meet a criterion."),
     "twin": _Home(

@@ -20,11 +20,13 @@ from identification.design import (
 )
 from identification.problem import match
 from twinproof.api import read_recording
+from twinproof.cli.completing import complete_data
 from twinproof.cli.options import (
     Output,
     data_options,
     free_option,
     json_option,
+    model_argument,
     modelica_path_option,
     param_option,
     parse_names,
@@ -36,8 +38,8 @@ from twinproof.report.numbers import significant, typeset, uncertain
 
 
 @click.command()
-@click.argument("model")
-@click.argument("data", required=False)
+@model_argument
+@click.argument("data", required=False, shell_complete=complete_data)
 @click.option(
     "--amplitude",
     metavar="A,…",

@@ -4,17 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 from rich.text import Text
 
-from foundation.files import write_text
-from identification.discovery.diagnosis import Diagnosis, Outcome
-from identification.discovery.extension import text_diff
-from identification.estimators import ESTIMATORS
-from recordings import Recording
-from twinproof import api, documents
-from twinproof.cli import tables
+from twinproof.cli.completing import METHODS, complete_data, complete_method
 from twinproof.cli.options import (
     Output,
     Request,
@@ -23,17 +18,17 @@ from twinproof.cli.options import (
     horizon_option,
     journey,
     json_option,
+    model_argument,
     modelica_path_option,
     parse_priors,
     read_verified,
     report_option,
 )
-from twinproof.model import Model
-from twinproof.report import write_comparison, write_diagnosis, write_identification
-from twinproof.report.comparison import error_sentence
-from twinproof.report.tables import estimate_rows, fit_rows
-from twinproof.report.wording import diagnosis_headline, improvement_headline, remaining
-from twinproof.results import write_improvement
+
+if TYPE_CHECKING:
+    from identification.discovery.diagnosis import Diagnosis, Outcome
+    from recordings import Recording
+    from twinproof.answers import FittedRecord
 
 
 @click.command()
@@ -47,6 +42,10 @@ def compare(request: Request, horizon: str, report_dir: Path | None) -> None:
     Example:
       twinproof compare Twinproof.Plants.Positioner emps --report out
     """
+    from twinproof import api, documents
+    from twinproof.cli import tables
+    from twinproof.report import write_comparison
+
     output = request.output
     result = api.compare(
         request.model, request.recording, parameters=request.parameters, horizon=horizon
@@ -67,7 +66,8 @@ def compare(request: Request, horizon: str, report_dir: Path | None) -> None:
     default="auto",
     show_default=True,
     metavar="M",
-    help="One of: " + ", ".join(ESTIMATORS) + ".",
+    help="One of: " + ", ".join(METHODS) + ".",
+    shell_complete=complete_method,
 )
 @also_option
 @click.option(
@@ -95,6 +95,11 @@ def identify(
       twinproof identify Twinproof.Plants.Positioner emps --method output-filter
       twinproof identify Twinproof.Plants.Positioner emps --also emps-pulses --prior M=95±2
     """
+    from twinproof import api, documents
+    from twinproof.cli import tables
+    from twinproof.report import write_identification
+    from twinproof.report.tables import estimate_rows
+
     output = request.output
     result = api.identify(
         request.model,
@@ -146,6 +151,11 @@ def diagnose(
     Example:
       twinproof diagnose Twinproof.Plants.Positioner emps --json -
     """
+    from twinproof import api, documents
+    from twinproof.cli import tables
+    from twinproof.report import write_diagnosis
+    from twinproof.report.wording import diagnosis_headline
+
     output = request.output
     verified = None if verified_path is None else read_verified(verified_path)
     with output.progress() as progress:
@@ -180,7 +190,7 @@ def diagnose(
 
 
 @click.command()
-@click.argument("model")
+@model_argument
 @click.option(
     "--add",
     "additions",
@@ -213,6 +223,11 @@ def extend(
       twinproof extend Twinproof.Plants.Positioner \\
           --add CoulombFriction@carriage,f_c=20 -o Positioner_1.mo
     """
+    from foundation.files import write_text
+    from identification.discovery.extension import text_diff
+    from twinproof import api, documents
+    from twinproof.model import Model
+
     output = Output(json_path)
     chosen = Model.of(model, modelica_path)
     stem = output_path.stem
@@ -227,8 +242,10 @@ def extend(
     )
 
 
-def _together_notes(records: Sequence[api.FittedRecord]) -> list[str]:
+def _together_notes(records: Sequence[FittedRecord]) -> list[str]:
     """Return what a report says of the further records."""
+    from twinproof.report.comparison import error_sentence
+
     return [
         f"Fitted at once with {record.origin}. " + error_sentence(record.problem, record.comparison)
         for record in records[1:]
@@ -242,6 +259,7 @@ def _together_notes(records: Sequence[api.FittedRecord]) -> list[str]:
     "--holdout",
     required=True,
     metavar="DATA2",
+    shell_complete=complete_data,
     help="An unseen record; read by nothing but the final score.",
 )
 @click.option(
@@ -314,6 +332,12 @@ def run_improvement(
     also: Sequence[Recording] = (),
 ) -> None:
     """Improve a model, write the folder, print the ladder, the verdict and where the report is."""
+    from twinproof import api, documents
+    from twinproof.cli import tables
+    from twinproof.report.tables import fit_rows
+    from twinproof.report.wording import improvement_headline, remaining
+    from twinproof.results import write_improvement
+
     output = request.output
     with output.progress() as progress:
         result = api.improve(

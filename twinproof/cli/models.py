@@ -6,34 +6,25 @@ import time
 from pathlib import Path
 
 import click
-import numpy as np
-import pandas as pd
 from rich.table import Table
 from rich.text import Text
 
-from fmus.checking import check_fmu
 from fmus.compiler import NATIVE, TARGETS
-from fmus.master.ssp import read_ssp, simulate_ssp
-from fmus.package import export as export_fmu
-from fmus.running import Fmu, simulate_model
 from foundation.errors import InputError
-from foundation.files import written_whole
-from identification.discovery.effects import find_effects
-from recordings import load as load_recording
-from twinproof import documents
+from twinproof.cli.completing import complete_fmu
 from twinproof.cli.options import (
     Output,
     data_options,
     json_option,
+    model_argument,
     modelica_path_option,
     param_option,
     parse_params,
 )
-from twinproof.model import Model
 
 
 @click.command()
-@click.argument("model")
+@model_argument
 @click.option(
     "-o",
     "output_path",
@@ -76,6 +67,10 @@ def export(
     Example:
       twinproof export Twinproof.Plants.WheeledPendulum -o pendulum.fmu
     """
+    from fmus.package import export as export_fmu
+    from twinproof import documents
+    from twinproof.model import Model
+
     output = Output(json_path)
     chosen = Model.of(model, modelica_path)
     result = export_fmu(
@@ -105,7 +100,12 @@ def export(
 
 
 @click.command()
-@click.argument("fmu", type=click.Path(path_type=Path, dir_okay=False), metavar="F.fmu")
+@click.argument(
+    "fmu",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="F.fmu",
+    shell_complete=complete_fmu,
+)
 @json_option
 @click.pass_context
 def check(context: click.Context, fmu: Path, json_path: str | None) -> None:
@@ -115,6 +115,9 @@ def check(context: click.Context, fmu: Path, json_path: str | None) -> None:
     Example:
       twinproof check pendulum.fmu
     """
+    from fmus.checking import check_fmu
+    from twinproof import documents
+
     output = Output(json_path)
     checks = check_fmu(fmu)
     table = Table("check", "", "seen")
@@ -132,7 +135,7 @@ def check(context: click.Context, fmu: Path, json_path: str | None) -> None:
 
 
 @click.command()
-@click.argument("model")
+@model_argument
 @click.option("--input", "input_data", metavar="DATA", help="Recording that drives the inputs.")
 @click.option("--stop", type=float, metavar="S", help="End of the simulation [s].")
 @click.option("--step", type=float, metavar="S", help="Step of the result [s].")
@@ -166,11 +169,20 @@ def simulate(
     Example:
       twinproof simulate Twinproof.Plants.Pendulum --param theta_start=0.5 --stop 5 -o swing.csv
     """
+    import numpy as np
+    import pandas as pd
+
+    from fmus.master.ssp import simulate_ssp
+    from fmus.running import simulate_model
+    from foundation.files import written_whole
+    from recordings import load
+    from twinproof import documents
+
     output = Output(json_path)
     inputs = None
     if input_data is not None:
         driven = _inputs(model, modelica_path)
-        recording = load_recording(
+        recording = load(
             input_data, variables=driven, channel_map=channel_map, dbc=dbc, inputs=list(driven)
         )
         inputs = (recording.time, {n: c.values for n, c in recording.channels.items()})
@@ -204,6 +216,10 @@ def simulate(
 
 
 def _inputs(model: str, modelica_path: tuple[Path, ...]) -> dict[str, str]:
+    from fmus.master.ssp import read_ssp
+    from fmus.running import Fmu
+    from twinproof.model import Model
+
     if model.endswith(".ssp"):
         with read_ssp(Path(model)) as opened:
             return dict.fromkeys(opened.system.inputs, "")
@@ -214,7 +230,7 @@ def _inputs(model: str, modelica_path: tuple[Path, ...]) -> dict[str, str]:
 
 
 @click.command()
-@click.argument("model")
+@model_argument
 @modelica_path_option
 @json_option
 def places(model: str, modelica_path: tuple[Path, ...], json_path: str | None) -> None:
@@ -224,6 +240,9 @@ def places(model: str, modelica_path: tuple[Path, ...], json_path: str | None) -
     Example:
       twinproof places Twinproof.Plants.WheeledPendulum
     """
+    from twinproof import documents
+    from twinproof.model import Model
+
     output = Output(json_path)
     found = Model.of(model, modelica_path).places
     table = Table("place", "kind", "unit", "what")
@@ -243,6 +262,10 @@ def effects(modelica_path: tuple[Path, ...], json_path: str | None) -> None:
     Example:
       twinproof effects
     """
+    from identification.discovery.effects import find_effects
+    from twinproof import documents
+    from twinproof.model import Model
+
     output = Output(json_path)
     # Any class will do: what counts are the libraries.
     source = Model.of("Twinproof.Plants.Positioner", modelica_path).source

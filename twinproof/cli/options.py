@@ -10,22 +10,26 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import wraps
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 from rich.console import Console
 
 from foundation.errors import InputError
 from foundation.files import write_text
-from recordings import Recording
-from twinproof.api import read_recording
-from twinproof.documents import Document, dumps
-from twinproof.model import Model
+from twinproof.cli.completing import complete_data, complete_model
+
+if TYPE_CHECKING:
+    from recordings import Recording
+    from twinproof.documents import Document
+    from twinproof.model import Model
 
 _PIPE_WIDTH = 150
 
 F = TypeVar("F", bound=Callable[..., Any])
 
+model_argument = click.argument("model", shell_complete=complete_model)
+data_argument = click.argument("data", shell_complete=complete_data)
 json_option = click.option(
     "--json", "json_path", metavar="FILE", help="Write the result as JSON ('-': standard output)."
 )
@@ -62,6 +66,7 @@ also_option = click.option(
     "--also",
     multiple=True,
     metavar="DATA2",
+    shell_complete=complete_data,
     help="A further record of the same machine, fitted at once; may be repeated.",
 )
 free_option = click.option(
@@ -206,6 +211,9 @@ def journey(function: Callable[..., None]) -> Callable[..., None]:
         json_path: str | None,
         **rest: Any,
     ) -> None:
+        from twinproof.api import read_recording
+        from twinproof.model import Model
+
         chosen = Model.of(model, modelica_path)
 
         def read(word: str) -> Recording:
@@ -217,8 +225,8 @@ def journey(function: Callable[..., None]) -> Callable[..., None]:
         function(request, **rest)
 
     options = (
-        click.argument("data"),
-        click.argument("model"),
+        data_argument,
+        model_argument,
         data_options,
         free_option,
         param_option,
@@ -249,6 +257,8 @@ class Output:
 
     def document(self, value: Document) -> None:
         """Write the JSON document, if one was asked for."""
+        from twinproof.documents import dumps
+
         if self._json_path == "-":
             sys.stdout.write(dumps(value))
         elif self._json_path is not None:

@@ -62,9 +62,9 @@ def serve(config: Path, modelica_path: tuple[Path, ...]) -> int:
     Example:
       twinproof twin serve line-3.toml
     """
-    from twin import logs  # noqa: PLC0415 - a web server is slow to import
-    from twin.api import serve as serve_api  # noqa: PLC0415
-    from twin.live import live_service  # noqa: PLC0415
+    from twin import logs
+    from twin.api import serve as serve_api
+    from twin.live import live_service
 
     logs.set_up()
     with live_service(config, modelica_path) as service:
@@ -148,7 +148,7 @@ def gate(
     Example:
       twinproof twin gate --controller pid.toml --twin robot && deploy pid.toml
     """
-    from twin.verification import controller_hash  # noqa: PLC0415 - slow to import
+    from twin.verification import controller_hash
 
     output = Output(json_path)
     digest = controller_hash(controller)
@@ -209,7 +209,7 @@ def token(name: str, path: Path, scopes: tuple[str, ...]) -> int:
     Example:
       twinproof twin token maria --scope read --scope approve
     """
-    from twin.tokens import add_token  # noqa: PLC0415
+    from twin.tokens import add_token
 
     click.echo(add_token(path, name, scopes))
     return 0
@@ -233,7 +233,7 @@ def backup(config: Path, path: Path) -> int:
     Example:
       twinproof twin backup line-3.toml -o line-3.backup.gz
     """
-    from twin.store import back_up  # noqa: PLC0415
+    from twin.store import back_up
 
     with _store(config) as store:
         rows = back_up(store.engine, path)
@@ -251,8 +251,8 @@ def restore(config: Path, backup_file: Path) -> int:
     Example:
       twinproof twin restore line-3.toml line-3.backup.gz
     """
-    from twin.store import open_database  # noqa: PLC0415
-    from twin.store import restore as fill  # noqa: PLC0415
+    from twin.store import open_database
+    from twin.store import restore as fill
 
     service = _service_table(config)
     engine = open_database(service.store, config.parent)
@@ -267,15 +267,15 @@ def restore(config: Path, backup_file: Path) -> int:
 
 
 def _service_table(config: Path) -> Any:
-    from hil.settings import build, read_toml  # noqa: PLC0415
-    from twin.settings import ServiceSettings  # noqa: PLC0415
+    from hil.settings import build, read_toml
+    from twin.settings import ServiceSettings
 
     # The twins' models need not be compiled to look at a database.
     return build(ServiceSettings, read_toml(config).sub("service"))
 
 
 def _store(config: Path) -> Any:
-    from twin.store import Store  # noqa: PLC0415
+    from twin.store import Store
 
     service = _service_table(config)
     return Store.open(service.store, Path(service.key), config.parent)

@@ -37,8 +37,8 @@ def replay_command(
       twinproof twin replay line-3.toml recordings/robot --json -
     """
     # The other commands of `twin` need no compiler of models, and shall be there at once.
-    from twin.replay import replay  # noqa: PLC0415
-    from twin.settings import read_settings  # noqa: PLC0415
+    from twin.replay import replay
+    from twin.settings import read_settings
 
     output = Output(json_path)
     settings = _chosen(read_settings(config, roots=modelica_path), name)

@@ -39,8 +39,8 @@ def workbench(folder: Path, port: int, no_browser: bool) -> None:
 
 
 async def _serve(folder: Path, port: int, browser: bool) -> None:
-    from twinproof.workbench.project import Project  # noqa: PLC0415 - help should come at once
-    from twinproof.workbench.server import serve  # noqa: PLC0415
+    from twinproof.workbench.project import Project
+    from twinproof.workbench.server import serve
 
     ready: asyncio.Future[str] = asyncio.get_running_loop().create_future()
     serving = asyncio.create_task(serve(Project(folder.resolve()), port, ready))
