@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from fmus.dae import Connector, Dae
-from fmus.frontend import load
+from fmus.in_series import model_of
 from fmus.sources import ModelicaSource
 
 _KIND_OF_FLOW_UNIT = {"N.m": "rotational", "N": "translational"}
@@ -46,7 +46,7 @@ def places(model: ModelicaSource | Dae) -> tuple[Place, ...]:
     one component down cannot be connected to in Modelica and are no places.
 
     Args:
-        model: Source, or the flat model that `load` made of it.
+        model: Source, or the flat model that was made of it.
 
     Raises:
         ModelicaError: The source is wrong.
@@ -56,7 +56,7 @@ def places(model: ModelicaSource | Dae) -> tuple[Place, ...]:
         >>> [place.name for place in places(library_class("Twinproof.Plants.Pendulum"))]
         ['joint', 'tau', 'theta', 'omega']
     """
-    dae = load(model) if isinstance(model, ModelicaSource) else model
+    dae = model_of(model) if isinstance(model, ModelicaSource) else model
     signals = [
         Place(v.name, kind, v.unit, v.description, v.name, inherited_connect=False)
         for kind, variables in (("input", dae.inputs), ("output", dae.outputs))

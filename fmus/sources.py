@@ -32,6 +32,7 @@ class ModelicaSource:
         defines: False if `text` only wraps a class of a library.
         file: Where a class is written that is a library's and yet the user's own, as in a file of
             a package's folder.
+        fmu: The FMU that the text is written around (`fmus.in_series`).
     """
 
     text: str
@@ -41,6 +42,7 @@ class ModelicaSource:
     roots: tuple[Path, ...] = ()
     defines: bool = True
     file: ModelicaSource | None = None
+    fmu: Path | None = None
 
     @property
     def written(self) -> ModelicaSource:

@@ -11,6 +11,7 @@ import numpy as np
 
 from fmus.black_box import BlackBox, black_box
 from fmus.frontend import with_values
+from fmus.in_series import SeriesModel
 from fmus.package import cached_fmu
 from foundation.errors import ChannelError, DivergenceError, UnsupportedModelError
 from identification.fmu_shooting import FmuShooting
@@ -19,6 +20,7 @@ from identification.linearisation import Part
 from identification.prediction import WINDOW, Prediction, noise_estimate, predict
 from identification.priors import NO_PRIORS, Prior
 from identification.problem import Matrix, Problem, Vector
+from identification.series_shooting import SeriesShooting
 from identification.shooting import Shooting
 from identification.simulator import Simulator
 from identification.windows import Window, cut, fitting_length, guess_states
@@ -55,10 +57,10 @@ class Experiment:
             FmuError: It is an FMU that does not load.
         """
         model, outputs, free = problem.dae, problem.output_names, problem.free
-        if isinstance(model, BlackBox):
+        if isinstance(model, BlackBox) and not isinstance(model, SeriesModel):
             return cls(problem, FmuShooting(model, outputs, free))
         try:
-            return cls(problem, Shooting.of(problem))
+            return cls(problem, simulator_of(problem))
         except UnsupportedModelError:
             if not through_fmi:
                 raise
@@ -115,6 +117,12 @@ class Experiment:
     def windows(self) -> tuple[Window, ...]:
         """The record in windows of `WINDOW` seconds, or as long as it is."""
         return self.cut(WINDOW)
+
+    @property
+    def short(self) -> float | None:
+        """Length of the windows over which steps are judged [s]; None if none can begin."""
+        anywhere = self.shooting.begins_anywhere
+        return fitting_length(WINDOW, self.problem.sample_time) if anywhere else None
 
     def cut(self, seconds: float) -> tuple[Window, ...]:
         """Cut the record into windows to fit, longer where they would hold too few samples.
@@ -177,11 +185,25 @@ class Experiment:
                 f"{', '.join(self.problem.output_names)})",
                 remedy="map the same channels in all",
             )
-        if problem.measured_inputs == self.problem.measured_inputs:
+        # An FMU takes all inputs alike.
+        same = problem.measured_inputs == self.problem.measured_inputs
+        if same or not isinstance(self.shooting, Shooting):
             return self.on(problem)
-        if not isinstance(self.shooting, Shooting):
-            return Experiment.of(problem, through_fmi=True)
         return Experiment(problem, self.shooting.with_measured(problem.measured_inputs))
+
+
+def simulator_of(
+    problem: Problem, sensitive: Sequence[str] | None = None, *, briefly: bool = False
+) -> Simulator:
+    """Compile a problem's model, or the blocks around an FMU (see `Shooting.of`).
+
+    Raises:
+        UnsupportedModelError: It cannot be simulated with sensitivities.
+        FmuError: The FMU does not load.
+    """
+    if isinstance(problem.dae, SeriesModel):
+        return SeriesShooting.of(problem, problem.dae, sensitive, briefly=briefly)
+    return Shooting.of(problem, sensitive, briefly=briefly)
 
 
 def fit_stages(

@@ -32,11 +32,13 @@ class Part:
         problem: Model and record.
         shooting: Compiled with sensitivities for (at least) the free parameters.
         windows: Over which to fit.
+        counted: (n,) samples of the record that count; None: all.
     """
 
     problem: Problem
     shooting: Simulator
     windows: Sequence[Window]
+    counted: Booleans | None = None
 
 
 @dataclass(frozen=True)
@@ -99,11 +101,13 @@ def linearise(
     sd: Vector,
     *,
     block: float = 0.25,
+    counted: Booleans | None = None,
 ) -> Linearised:
     """Simulate all windows with sensitivities and form the projected normal equations.
 
     Args:
         block: Duration of the blocks over which scores are summed [s].
+        counted: (n,) samples of the record that count; None: all. Residuals are of all.
     """
     h, ns, nx = problem.sample_time, len(shooting.sensitive), shooting.nx
     p = shooting.parameter_vector(values)
@@ -129,11 +133,16 @@ def linearise(
             jacobian = response.sensitivities / sd[:, None]
         if response.finite < len(window) or not np.all(np.isfinite(jacobian)):
             return _diverged(len(sd), ns)
+        size = len(window)
+        if counted is not None:
+            here = counted[window.begin : window.end]
+            misfit, jacobian = misfit * here[:, None], jacobian * here[:, None, None]
+            size = int(np.sum(here))
         r = misfit / sd
         with np.errstate(over="ignore"):
             cost += float(np.sum(r * r))
             squares += np.sum(misfit**2, axis=0)
-        samples += len(window)
+        samples += size
         if np.max(np.abs(jacobian), initial=0.0) > _LARGEST:
             return _diverged(len(sd), ns)
         flat = jacobian.reshape(r.size, nx + ns)
@@ -180,6 +189,7 @@ def linearise_all(
             x0[window : window + count],
             values,
             sd[channel : channel + ny],
+            counted=part.counted,
         )
         if not np.isfinite(one.cost):
             return _diverged(len(sd), ns)

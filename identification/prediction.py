@@ -172,7 +172,8 @@ def _floor(to_x0: Matrix, settling: int, noise: Vector, weight: Vector, first: i
     ny, nx = to_x0.shape[1:]
     weighted = (to_x0[:settling] / weight[:, None]).reshape(settling * ny, nx)
     information = weighted.T @ weighted
-    ridge = 1e-12 * np.diag(np.diag(information) + 1e-300)
+    # The number keeps a state that follows from a signal, which no sample tells, from overflowing.
+    ridge = np.diag(1e-12 * np.diag(information) + 1e-200)
     # (nx, settling, ny): by how much a sample moves the estimate.
     gain = np.linalg.pinv(information + ridge, hermitian=True) @ weighted.T
     gain = gain.reshape(nx, settling, ny) / weight

@@ -66,6 +66,7 @@ class Shooting:
         following: States whose start is not free: that of a sensor's filter follows from the signal
             that it filters, as if that had run in a straight line before.
         briefly: It will only be run once or twice: compile fast rather than well.
+        longest_step: Of the integration [s].
 
     Raises:
         UnsupportedModelError: The model has when-equations, or delays something else than an input.
@@ -81,8 +82,10 @@ class Shooting:
         measured_inputs: Collection[str] = (),
         following: Collection[str] = (),
         briefly: bool = False,
+        longest_step: float = LONGEST_STEP,
     ) -> None:
         self.dae = dae
+        self._longest_step = longest_step
         # More than -O1 takes longer to compile and runs no faster.
         self._optimise = "-O0" if briefly else "-O1"
         self.output_names = tuple(output_names)
@@ -228,7 +231,7 @@ class Shooting:
         x0 = np.ascontiguousarray(x0, dtype=float)
         finite = self._library.twinproof_shoot(
             n,
-            substeps(h),
+            substeps(h, self._longest_step),
             ctypes.c_double(h),
             ctypes.c_double(t0),
             _pointer(x0),
@@ -243,14 +246,14 @@ class Shooting:
         return Response(y, dy.transpose(0, 2, 1), int(finite))
 
 
-def substeps(h: float) -> int:
+def substeps(h: float, longest: float = LONGEST_STEP) -> int:
     """Return into how many integration steps a sample interval of `h` seconds is divided.
 
     Example:
         >>> [substeps(h) for h in (0.5e-3, 1e-3, 1.4e-3, 10e-3)]
         [1, 1, 2, 10]
     """
-    return max(1, math.ceil(h / LONGEST_STEP - 1e-6))
+    return max(1, math.ceil(h / longest - 1e-6))
 
 
 def _pointer(array: NDArray[np.float64]) -> ctypes.c_void_p:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
+from foundation.errors import UnsupportedModelError
 from identification.comparison import Comparison
 from identification.discovery.diagnosis import Diagnosis
 from identification.discovery.drift import Drift
@@ -191,8 +192,18 @@ class Improved:
 
     @property
     def model(self) -> Model:
-        """The last step's model, with fitted values as defaults."""
+        """The last step's model, with fitted values as defaults.
+
+        Raises:
+            UnsupportedModelError: It is a foreign FMU in a system (`results.write_improvement`).
+        """
         last = self.improvement.steps[-1].model
+        if last.base.fmu is not None:
+            raise UnsupportedModelError(
+                "a foreign FMU with effects around it is a system, not a model",
+                where=last.name,
+                remedy="write it as SSP with `twinproof improve -o DIR`",
+            )
         return Model(last.name, modelica=last.source)
 
     def to_frame(self) -> pd.DataFrame:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from fmus.in_series import model_of
 from foundation.errors import InputError, UnsupportedModelError
 from identification import comparison
 from identification.discovery import diagnosis as discovery
@@ -253,14 +254,14 @@ def diagnose(
         ChannelError: Several records have not the same channels.
     """
     recordings = _as_list(recording)
-    problems = [match(model.dae, r, free=free, values=parameters) for r in recordings]
+    source = model.extensible
+    dae = model_of(source)
+    problems = [match(dae, r, free=free, values=parameters) for r in recordings]
     _refuse_copies(recordings, problems)
     experiment = Experiment.together(problems)
     progress("fitting the model as it is")
     fit = experiment.fit_stages(best_start(experiment).values)[-1]
-    found = discovery.diagnose(
-        write_extension(model.source, []), experiment, fit, progress=progress
-    )
+    found = discovery.diagnose(write_extension(source, []), experiment, fit, progress=progress)
     records: list[FittedRecord] = []
     ny = len(problems[0].output_names)
     for k, (r, e) in enumerate(zip(recordings, experiment.records, strict=True)):
@@ -271,7 +272,7 @@ def diagnose(
     moved = None
     if verified is not None:
         known = {name: Prior(*numbers) for name, numbers in verified.items()}
-        moved = missing_or_drifted(model.source, problems, known, progress=progress)
+        moved = missing_or_drifted(source, problems, known, progress=progress)
     return Diagnosed(found, tuple(records), moved)
 
 
@@ -291,8 +292,9 @@ def extend(model: Model, additions: Collection[str], *, name: str | None = None)
         raise InputError(
             "nothing to add", where="--add", remedy="name an effect and a place: EFFECT@PLACE"
         )
+    source = model.extensible
     extended = write_extension(
-        model.source, [parse_addition(text, model.source) for text in additions], name=name
+        source, [parse_addition(text, source) for text in additions], name=name
     )
     _ = extended.dae  # what is written must compile
     return extended
@@ -329,12 +331,14 @@ def improve(
             f"{max_effects} effects cannot be added", where="--max-effects", remedy="give 0 or more"
         )
     recordings = _as_list(recording)
-    problems = [match(model.dae, r, free=free, values=parameters) for r in recordings]
+    source = model.extensible
+    dae = model_of(source)
+    problems = [match(dae, r, free=free, values=parameters) for r in recordings]
     _refuse_copies(recordings, problems)
     problem = problems[0]
     unseen: Problem | None = None
     if holdout is not None:
-        unseen = match(model.dae, holdout, free=free, values=parameters)
+        unseen = match(dae, holdout, free=free, values=parameters)
         if fingerprint(unseen) in map(fingerprint, problems):
             raise InputError(
                 "the hold-out is a fitted record itself",
@@ -352,7 +356,7 @@ def improve(
     if horizon != "auto":
         length = horizon_of(horizon, Experiment.of(problem))
     found = ladder.improve(
-        model.source, problems, unseen, max_effects=max_effects, horizon=length, progress=progress
+        source, problems, unseen, max_effects=max_effects, horizon=length, progress=progress
     )
     return Improved(problem, unseen, found, tuple(r.origin for r in recordings[1:]))
 

@@ -11,6 +11,7 @@ from pathlib import Path
 from fmus.black_box import black_box
 from fmus.dae import Dae, Role
 from fmus.frontend import load
+from fmus.in_series import around
 from fmus.places import Place, places
 from fmus.sources import ModelicaSource, find_source
 from foundation.errors import UnsupportedModelError
@@ -24,6 +25,7 @@ class Model:
         word: As the user named it.
         modelica: Its Modelica source, if there is one.
         fmu: The FMU, if it is one.
+        roots: Folders of further libraries, whose effects may be added to the FMU.
 
     Example:
         >>> model = Model.of("Twinproof.Plants.Positioner")
@@ -34,6 +36,7 @@ class Model:
     word: str
     modelica: ModelicaSource | None = None
     fmu: Path | None = None
+    roots: tuple[Path, ...] = ()
 
     @classmethod
     def of(cls, word: str, modelica_path: Sequence[Path] = ()) -> Model:
@@ -55,7 +58,7 @@ class Model:
                 remedy="give one model: an FMU, or Modelica source as file.mo:Class.Name",
             )
         if word.endswith(".fmu"):
-            return cls(word, fmu=Path(word))
+            return cls(word, fmu=Path(word), roots=tuple(modelica_path))
         return cls(word, find_source(word, tuple(modelica_path)))
 
     @property
@@ -72,6 +75,16 @@ class Model:
                 remedy="give the Modelica source, as file.mo:Class.Name",
             )
         return self.modelica
+
+    @property
+    def extensible(self) -> ModelicaSource:
+        """What effects are added to: its Modelica source, or the text around the FMU.
+
+        Raises:
+            FmuError: The FMU cannot be read.
+            UnsupportedModelError: Its inputs or outputs have names that Modelica does not allow.
+        """
+        return self.source if self.fmu is None else around(self.fmu, self.roots)
 
     @cached_property
     def dae(self) -> Dae:

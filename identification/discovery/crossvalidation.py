@@ -15,6 +15,9 @@ effect that acts only now and then (friction near standstill) gains much in few 
 test takes for outliers; there the likelihood of the unseen windows decides, counted in independent
 samples. A ratio of likelihoods of unseen data exceeds c with a probability of at most 1/c; with
 variances estimated from the same windows this holds approximately.
+
+An FMU of which no state can be set cannot begin a window. It runs through the whole record instead,
+and the samples of a block are left out of what is fitted.
 """
 
 from __future__ import annotations
@@ -31,13 +34,14 @@ from identification.gauss_newton import Fit, fit_together
 from identification.linearisation import Part
 from identification.prediction import WINDOW
 from identification.problem import Matrix, Vector
-from identification.windows import fitting_length
+from identification.windows import Window, cut, fitting_length
 
 FOLDS = 5
 CV_WINDOW = 0.25 * WINDOW
 LARGEST_CHANCE = 0.01
 _SMALLEST_SHARE = 0.05
 _FEWEST_WINDOWS = 10
+_BLOCKS = 20  # of a record that is run through as a whole
 # No block may speak against an effect by more than this [nats], or this share of what all say.
 _AGAINST = 1.0
 _SHARE_AGAINST = 0.1
@@ -84,7 +88,7 @@ def crossvalidate(
             over; None: ask the paired test only.
         tried: How many candidates were tried, for the correction (Bonferroni).
     """
-    count = sum(len(record.cut(CV_WINDOW)) for record in smaller.records)
+    count = sum(len(_windows(record, CV_WINDOW)) for record in smaller.records)
     if count < _FEWEST_WINDOWS:
         nothing = np.full(len(noise), np.nan)
         needed = _FEWEST_WINDOWS * fitting_length(CV_WINDOW, smaller.problem.sample_time)
@@ -107,13 +111,54 @@ def crossvalidate(
     return verdict
 
 
+def _windows(record: Experiment, length: float) -> tuple[Window, ...]:
+    """Return what errors are compared over: windows, or blocks of a record run as a whole.
+
+    What such a record leaves over has a memory as long as the plant's: its blocks are longer.
+    """
+    if record.shooting.begins_anywhere:
+        return record.cut(length)
+    n, h = len(record.problem.time), record.problem.sample_time
+    return cut(n, h, max(fitting_length(length, h), n * h / _BLOCKS))
+
+
 def _unseen(experiment: Experiment, whole: Fit, length: float) -> Matrix:
-    """Return mean squared errors, each window's with parameters from elsewhere.
+    """Return mean squared errors of windows, each with parameters from elsewhere.
 
     Returns:
         (windows of all records, channels of all records); NaN in the channels of other records,
         infinite where a window cannot be simulated.
     """
+    if experiment.shooting.begins_anywhere:
+        return _unseen_windows(experiment, whole, length)
+    return _unseen_blocks(experiment, whole, length)
+
+
+def _unseen_blocks(experiment: Experiment, whole: Fit, length: float) -> Matrix:
+    """As `_unseen`, of records that are run through as a whole."""
+    ny = len(experiment.problem.output_names)
+    blocks = [(k, w) for k, e in enumerate(experiment.records) for w in _windows(e, length)]
+    errors = np.full((len(blocks), len(whole.sd)), np.nan)
+    for fold in folds_of(len(blocks)):
+        parts: list[Part] = []
+        for k, part in enumerate(experiment.parts(length)):
+            counted = np.ones(len(part.problem.time), dtype=bool)
+            for record, window in (blocks[i] for i in fold):
+                if record == k:
+                    counted[window.begin : window.end] = False
+            parts.append(replace(part, counted=counted))
+        fitted = _fit(parts, whole, whole.x0, whole.sd, free=whole.free)
+        for i in fold:
+            record, window = blocks[i]
+            # None where a record could not be simulated.
+            left = fitted.at.residuals
+            seen = left[record][window.begin : window.end] if left else np.full((1, ny), np.inf)
+            errors[i, record * ny : (record + 1) * ny] = np.mean(np.square(seen), axis=0)
+    return errors
+
+
+def _unseen_windows(experiment: Experiment, whole: Fit, length: float) -> Matrix:
+    """As `_unseen`, of windows that each begin in a state of their own."""
     sd = whole.sd
     parts = experiment.parts(length)
     owner = np.repeat(np.arange(len(parts)), [len(part.windows) for part in parts])

@@ -18,6 +18,7 @@ from functools import cached_property
 from fmus.dae import Dae, ScalarType, Variable
 from fmus.expressions import Literal
 from fmus.frontend import load
+from fmus.in_series import model_of
 from fmus.places import Place, places
 from fmus.sources import ModelicaSource
 from foundation.errors import InputError, UnknownNameError
@@ -83,7 +84,7 @@ class ExtendedModel:
     @property
     def dae(self) -> Dae:
         """The flat model."""
-        return load(self.source)
+        return model_of(self.source)
 
     @cached_property
     def wrapped(self) -> bool:
@@ -185,12 +186,13 @@ def extend(
     """
     values = dict(values or {})
     name = name or f"{base.short_name}_{len(additions)}"
-    if not additions and not values:
-        return ExtendedModel(base, (), {}, base.short_name, base, base.text)
+    if not additions and (not values or base.fmu is not None):
+        return ExtendedModel(base, (), values, name if values else base.short_name, base, base.text)
     write = _write_wrapper if _wrapped(additions) else _write_extension
-    text = write(base, tuple(additions), values, name)
+    # An FMU's own values are not written in Modelica: its parameters are not there.
+    text = write(base, tuple(additions), values if base.fmu is None else {}, name)
     whole = f"{base.text.rstrip()}\n\n{text}" if base.defines else text
-    source = ModelicaSource(whole, name, f"{name}.mo", name, base.roots)
+    source = ModelicaSource(whole, name, f"{name}.mo", name, base.roots, fmu=base.fmu)
     return ExtendedModel(base, tuple(additions), values, name, source, text)
 
 
@@ -308,12 +310,12 @@ def _write_wrapper(
     lines += [f"  connect({a.instance}.flange, plant.{a.place.connector});\n" for a in bare]
     lines += _companions((*bare, *series))
     for v in dae.inputs:
-        chain = _chain(series, v.name)
-        stations = [v.name, *(f"{a.instance}" for a in chain), f"plant.{v.name}"]
+        blocks = chain(series, v.name)
+        stations = [v.name, *(f"{a.instance}" for a in blocks), f"plant.{v.name}"]
         lines += _connect_chain(stations)
     for v in dae.outputs:
-        chain = _chain(series, v.name)
-        stations = [f"plant.{v.name}", *(f"{a.instance}" for a in chain), v.name]
+        blocks = chain(series, v.name)
+        stations = [f"plant.{v.name}", *(f"{a.instance}" for a in blocks), v.name]
         lines += _connect_chain(stations)
     lines.append(f"end {name};\n")
     return "".join(lines)
@@ -325,8 +327,9 @@ def _nested_name(base: ModelicaSource, additions: Sequence[Addition]) -> str:
     return next(name for name in _NESTED if name not in taken)
 
 
-def _chain(series: tuple[Addition, ...], place: str) -> list[Addition]:
-    here = [a for a in series if a.place.name == place]
+def chain(additions: Sequence[Addition], place: str) -> list[Addition]:
+    """Return what is in series with an input or output, in the order in which a signal meets it."""
+    here = [a for a in additions if a.place.name == place]
     # A delay needs its bare input as operand; the others follow in the order they were added.
     return sorted(here, key=lambda a: not a.effect.delays)
 

@@ -21,7 +21,6 @@ from identification.experiment import Experiment
 from identification.gauss_newton import Fit
 from identification.prediction import WINDOW, Prediction, choose_horizon, noise_estimate
 from identification.problem import Problem, Vector
-from identification.windows import fitting_length
 
 Progress = Callable[[str], None]
 
@@ -183,7 +182,7 @@ def _score(
             )
             # Judged over short windows, like the cross-validation that let the step in: a free
             # simulation of a plant that integrates may drift further with a better model.
-            short = other.predict(fit.values, fitting_length(WINDOW, record.sample_time), sd=fit.sd)
+            short = other.predict(fit.values, other.short, sd=fit.sd)
             contradicted = before is not None and short.total_nrmse > before.total_nrmse
             before = short
         steps.append(

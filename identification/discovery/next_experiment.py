@@ -157,7 +157,8 @@ def _played(truth: Refit, plan: _Plan, n: int) -> tuple[tuple[Window, ...], Matr
     """Return windows and outputs of the experiment if a candidate is the truth."""
     problem = _under(truth, plan, n)
     shooting = truth.experiment.shooting
-    if plan.scale:
+    anywhere = shooting.begins_anywhere
+    if plan.scale and anywhere:
         # Windows of the record, each from its own state: a motion that a controller kept bounded.
         kept = [k for k, w in enumerate(truth.experiment.windows) if w.end <= n]
         windows = tuple(truth.experiment.windows[k] for k in kept)
@@ -174,7 +175,7 @@ def _played(truth: Refit, plan: _Plan, n: int) -> tuple[tuple[Window, ...], Matr
     span = np.ptp(truth.experiment.problem.outputs, axis=0)
     if not np.all(np.isfinite(there)) or np.any(np.ptp(there, axis=0) > _BOUNDED * span):
         return None
-    if not plan.scale:
+    if not plan.scale and anywhere:
         windows = cut(n, problem.sample_time, _WINDOW)
     return windows, outputs
 

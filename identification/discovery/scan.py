@@ -20,11 +20,10 @@ from foundation.errors import UnsupportedModelError
 from identification.discovery.effects import Effect, find_effects
 from identification.discovery.extension import Addition, ExtendedModel, addition_at, extend
 from identification.discovery.transfer import flat_name, transfer_all_states, transfer_problems
-from identification.experiment import Experiment
+from identification.experiment import Experiment, simulator_of
 from identification.gauss_newton import Fit
 from identification.linearisation import Linearised, linearise_all
 from identification.problem import Problem, Vector
-from identification.shooting import Shooting
 
 # Share of a candidate's raw information that must be left once parameters and initial states have
 # had theirs; below it the candidate is a copy of what the model already has.
@@ -142,7 +141,7 @@ def score_group(
     sensitive = [*base_names, *(name for _, names in mains for name in names)]
     problems = transfer_problems(experiment, whole, fit.values, model)
     whole_problem = problems[0]
-    attached = Experiment(whole_problem, Shooting.of(whole_problem, sensitive, briefly=True))
+    attached = Experiment(whole_problem, simulator_of(whole_problem, sensitive, briefly=True))
     attached = replace(attached, also=tuple(attached.beside(p) for p in problems[1:]))
     x0 = transfer_all_states(attached, whole, experiment, model, fit.x0)
     at = linearise_all(attached.parts(), x0, whole_problem.values, fit.sd)

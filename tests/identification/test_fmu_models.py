@@ -13,7 +13,7 @@ from fmus.dae import ScalarType
 from fmus.package import cached_fmu, export
 from fmus.sources import library_class
 from foundation.errors import FmuError, InputError, UnknownNameError, UnsupportedModelError
-from twinproof import Model, compare, diagnose, identify, read_recording
+from twinproof import Model, compare, identify, read_recording
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "fmus"))
 import foreign
@@ -82,8 +82,6 @@ def test_what_needs_equations_says_so(pendulum, swing):
     for method in ("kalman", "output-filter", "differencing", "instrumental"):
         with pytest.raises(UnsupportedModelError, match="equations"):
             identify(pendulum, data, method=method)
-    with pytest.raises(UnsupportedModelError, match="equations"):
-        diagnose(pendulum, data)
     assert [place.name for place in pendulum.places] == ["tau", "theta", "omega"]
 
 

@@ -205,7 +205,7 @@ def diagnose(
     required=True,
     type=click.Path(path_type=Path, dir_okay=False),
     metavar="NEW.mo",
-    help="The Modelica file to write.",
+    help="The Modelica file to write; of an FMU, a system: NEW.ssp.",
 )
 @modelica_path_option
 @json_option
@@ -216,30 +216,26 @@ def extend(
     modelica_path: tuple[Path, ...],
     json_path: str | None,
 ) -> None:
-    """Write the Modelica class that has effects added to MODEL.
+    """Write the Modelica class that has effects added to MODEL, or the system around an FMU.
 
     \b
     Example:
       twinproof extend Twinproof.Plants.Positioner \\
           --add CoulombFriction@carriage,f_c=20 -o Positioner_1.mo
     """
-    from foundation.files import write_text
     from identification.discovery.extension import text_diff
     from twinproof import api, documents
     from twinproof.model import Model
+    from twinproof.results import write_extended
 
     output = Output(json_path)
     chosen = Model.of(model, modelica_path)
     stem = output_path.stem
     extended = api.extend(chosen, additions, name=stem if stem.isidentifier() else None)
-    difference = text_diff(chosen.source, extended)
-    write_text(output_path, extended.source.text)
+    difference = text_diff(chosen.extensible, extended)
+    written = write_extended(extended, output_path)
     output.console.print(difference, soft_wrap=True)
-    output.document(
-        documents.document(
-            "extend", {"model": f"{output_path}:{extended.name}", "diff": difference}
-        )
-    )
+    output.document(documents.document("extend", {"model": written, "diff": difference}))
 
 
 def _together_notes(records: Sequence[FittedRecord]) -> list[str]:
@@ -268,7 +264,7 @@ def _together_notes(records: Sequence[FittedRecord]) -> list[str]:
     required=True,
     type=click.Path(path_type=Path, file_okay=False),
     metavar="DIR",
-    help="Folder for every step's .mo and .fmu, ladder.csv and report.html.",
+    help="Folder for every step's .mo and .fmu (of an FMU: .ssp), ladder.csv and report.html.",
 )
 @click.option(
     "--max-effects",

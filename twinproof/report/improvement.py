@@ -14,7 +14,6 @@ from identification.discovery.extension import text_diff
 from identification.discovery.ladder import Improvement, Step
 from identification.discovery.shape import missing_force
 from identification.discovery.transfer import transfer_problem
-from identification.prediction import WINDOW
 from identification.problem import Problem
 from twinproof.report import ladder_plot, record_plots, shape_plot, wording
 from twinproof.report.ladder_plot import LadderPanel, Rung
@@ -125,7 +124,10 @@ def write_improvement(
         next_experiment=last.diagnosis.next_experiment,
         verdict=improvement.outcome.value,
         model_name=first.model.base.short_name,
-        rows=[_row(s, e, problem, horizon) for s, e in zip(improvement.steps, short, strict=True)],
+        rows=[
+            _row(s, e, problem, windows=_over_windows(improvement))
+            for s, e in zip(improvement.steps, short, strict=True)
+        ],
         horizon_name=wording.horizon_name(horizon),
         drifts=_drifts(improvement, short),
         ladder=ladder_plot.ladder(_panels(improvement, problem, short), "ladder"),
@@ -175,22 +177,27 @@ def shapes_of(improvement: Improvement) -> list[Picture]:
 
 def _short(step: Step, improvement: Improvement, holdout: Problem | None) -> _Short:
     values, sd = step.fit.values, step.fit.sd
-    fitted = step.experiment.predict(values, WINDOW, sd=sd).total_nrmse
+    fitted = step.experiment.predict(values, step.experiment.short, sd=sd).total_nrmse
     if holdout is None:
         return _Short(fitted, None)
     free = improvement.steps[0].experiment.problem.free
     record = transfer_problem(replace(holdout, free=free), step.model, values, step.model)
-    return _Short(fitted, step.experiment.on(record).predict(values, WINDOW, sd=sd).total_nrmse)
+    unseen = step.experiment.on(record)
+    return _Short(fitted, unseen.predict(values, unseen.short, sd=sd).total_nrmse)
 
 
-def _row(step: Step, short: _Short, problem: Problem, horizon: float | None) -> StepRow:
+def _over_windows(improvement: Improvement) -> bool:
+    """Errors over short windows are another thing than those at the horizon, and can be had."""
+    return improvement.horizon is None and improvement.steps[0].experiment.short is not None
+
+
+def _row(step: Step, short: _Short, problem: Problem, *, windows: bool) -> StepRow:
     addition = step.model.additions[-1] if step.added is not None else None
     status = "the model as it was, refitted"
     if step.added is not None:
         status = "contradicted by the unseen record" if step.contradicted else "accepted"
         if step.holdout is not None and not step.contradicted:
             status = "accepted, supported by the unseen record"
-    shown = () if horizon is not None else (short.fitted, short.unseen)
     return StepRow(
         number=step.number,
         added="" if addition is None else addition.label,
@@ -201,9 +208,9 @@ def _row(step: Step, short: _Short, problem: Problem, horizon: float | None) -> 
         fitted=_errors(problem, step.train),
         unseen=() if step.holdout is None else _errors(problem, step.holdout),
         short=(
-            ("", "")
-            if not shown
-            else (percent(short.fitted), "" if short.unseen is None else percent(short.unseen))
+            (percent(short.fitted), "" if short.unseen is None else percent(short.unseen))
+            if windows
+            else ("", "")
         ),
         status=status,
         reason="" if step.verdict is None else typeset_powers(step.verdict.reason),
@@ -232,7 +239,7 @@ def _errors(problem: Problem, comparison: Comparison) -> tuple[str, ...]:
 
 def _drifts(improvement: Improvement, short: Sequence[_Short]) -> bool:
     """A step that is better over short windows is worse in free simulation."""
-    if improvement.horizon is not None:
+    if not _over_windows(improvement):
         return False
     scored = [
         s.holdout.nrmse if s.holdout is not None else s.train.nrmse for s in improvement.steps
@@ -265,7 +272,7 @@ def _panels(
         )
         floor = 100 * wording.floor_share(steps[-1].train)
         panels.append(LadderPanel(f"all channels, {name}", "%", rungs, floor))
-    if improvement.horizon is None:
+    if _over_windows(improvement):
         rungs = tuple(
             Rung(label, 100 * e.fitted, None if e.unseen is None else 100 * e.unseen)
             for label, e in zip(labels, short, strict=True)
