@@ -27,6 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from foundation.resumable import Resumable
 from identification.online.scored_filter import Scored
 
 Array = NDArray[np.float64]
@@ -60,7 +61,7 @@ class Alarm:
     channel: str = ""
 
 
-class DriftMonitor:
+class DriftMonitor(Resumable):
     """Tests blocks of samples against a verified set of parameters.
 
     Args:
@@ -84,6 +85,15 @@ class DriftMonitor:
         >>> 5 < monitor.threshold < 7
         True
     """
+
+    _changes = (
+        "scale",
+        "_prior",
+        "_rows",
+        "_count",
+        "statistics",
+        "joint",
+    )
 
     def __init__(
         self,

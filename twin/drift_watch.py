@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from concurrent.futures import Executor, Future
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from foundation.resumable import Resumable
 from identification.online.scored_filter import Scored
 from twin.diagnosis import Finding, diagnose
 from twin.drift import Alarm, DriftMonitor
@@ -46,7 +48,7 @@ class _Drift:
     asked_at: float = 0.0
 
 
-class DriftWatch:
+class DriftWatch(Resumable):
     """Watches a filter that believes the verified parameters.
 
     Args:
@@ -58,6 +60,8 @@ class DriftWatch:
         roots: Folders of further Modelica libraries.
         executor: Runs diagnoses; None: here, while `take` waits.
     """
+
+    _changes = ("_values", "_monitor", "_drift")
 
     def __init__(
         self,
@@ -74,6 +78,13 @@ class DriftWatch:
         self._values, self._history = dict(values), history
         self._roots, self._executor = roots, executor
         self._drift: _Drift | None = None
+
+    def snapshot(self) -> dict[str, Any]:
+        """Return what it knows; a diagnosis that is under way is made again by who takes it up."""
+        drift = self._drift
+        if drift is not None and drift.finding is not None:
+            drift = replace(drift, asked=False, finding=None)
+        return {**super().snapshot(), "_drift": drift}
 
     @property
     def drifted(self) -> bool:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from fmus.dae import Dae
 from foundation.errors import TwinproofError
+from foundation.resumable import Resumable
 from identification.online import RecursiveFilter
 from identification.online.scored_filter import Scored, ScoredFilter
 from identification.regressors import derive
@@ -32,7 +33,7 @@ _SMALLEST = 1e-3
 _SETTLED = 8.0
 
 
-class OnlineFit(ABC):
+class OnlineFit(Resumable, ABC):
     """Follows the parameters; the base of all.
 
     Args:
@@ -47,6 +48,14 @@ class OnlineFit(ABC):
         excitation: Of the recent data.
         updates: How often the values were renewed.
     """
+
+    _changes = (
+        "_theta",
+        "scale",
+        "_covariance",
+        "updates",
+        "excitation",
+    )
 
     def __init__(
         self,
@@ -100,6 +109,8 @@ class OnlineFit(ABC):
 class KalmanFit(OnlineFit):
     """Recursive prediction-error method; `scored` comes from a filter at these very `values`."""
 
+    _changes = (*OnlineFit._changes, "_whole", "_spread")
+
     def start(self, values: Mapping[str, float], covariance: Array) -> None:
         """Begin anew; see `OnlineFit`."""
         super().start(values, covariance)
@@ -152,6 +163,8 @@ class FilterFit(OnlineFit):
     Raises:
         UnsupportedModelError: The model has no linear regression in recorded signals.
     """
+
+    _changes = (*OnlineFit._changes, "_online", "_samples")
 
     def __init__(
         self,

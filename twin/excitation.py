@@ -5,10 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from foundation.resumable import Resumable
+
 Array = NDArray[np.float64]
 
 
-class ExcitationMonitor:
+class ExcitationMonitor(Resumable):
     """Watches how well the data of the last while tell the parameters.
 
     Args:
@@ -30,6 +32,12 @@ class ExcitationMonitor:
         >>> monitor.suffices
         True
     """
+
+    _changes = (
+        "_information",
+        "level",
+        "weakest",
+    )
 
     def __init__(self, count: int, *, fading: float, wanted: float) -> None:
         self._information = np.zeros((count, count))

@@ -16,12 +16,13 @@ from numpy.typing import NDArray
 
 from fmus.plant import Plant
 from foundation.errors import FmuError
+from foundation.resumable import Resumable
 from twin.history import Predictions
 
 Array: TypeAlias = NDArray[np.float64]
 
 
-class FreeRun:
+class FreeRun(Resumable):
     """Runs the FMU over each horizon once it has been measured.
 
     Args:
@@ -35,6 +36,13 @@ class FreeRun:
         last: The last horizon; None: none yet, or the run failed.
         rms: Output → root mean square of what the run was off by, its unit; of that horizon.
     """
+
+    _changes = (
+        "last",
+        "rms",
+        "_blocks",
+        "_begin",
+    )
 
     def __init__(
         self,

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from foundation.resumable import Resumable
+
 Array = NDArray[np.float64]
 
 
@@ -38,13 +40,15 @@ class Predictions:
         return self.measured - self.predicted
 
 
-class History:
+class History(Resumable):
     """Keeps blocks for a time.
 
     Args:
         seconds: That are kept.
         block: Length of a block [s].
     """
+
+    _changes = ("_blocks",)
 
     def __init__(
         self,

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from foundation.errors import DivergenceError
+from foundation.resumable import Resumable
 from recordings.readers.can_frames import Frames
 from twin.drift_watch import DriftWatch
 from twin.estimate import Estimate
@@ -84,7 +85,7 @@ class Health:
     free: Mapping[str, float]
 
 
-class Pipeline:
+class Pipeline(Resumable):
     """From frames to events.
 
     Args:
@@ -96,6 +97,28 @@ class Pipeline:
     Raises:
         TwinproofError: See `plant_model`.
     """
+
+    _changes = (
+        "_decoder",
+        "_sampler",
+        "_timeline",
+        "_telemetry",
+        "_believed",
+        "_following",
+        "_fit",
+        "_history",
+        "_watch",
+        "_free",
+        "_excited",
+        "_time",
+        "_updated",
+        "_begun",
+        "_reported",
+        "_blocks",
+        "_restarts",
+        "_diverged_at",
+        "_noise",
+    )
 
     def __init__(
         self,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from foundation.resumable import Resumable
 from twin.ingest.decoder import Decoded
 
 
@@ -25,7 +26,7 @@ class Change:
     gap: int
 
 
-class Telemetry:
+class Telemetry(Resumable):
     """Watches the wanted messages: silent for longer than a limit, and all is stale.
 
     Args:
@@ -45,6 +46,12 @@ class Telemetry:
         >>> [(c.time, c.stale, c.gap) for c in watch.take(Decoded({}, {"a": (21, 23)}), 24)]
         [(21, False, 18)]
     """
+
+    _changes = (
+        "newest",
+        "_last",
+        "stale",
+    )
 
     def __init__(self, messages: Sequence[str], limit: int) -> None:
         self._messages, self._limit = tuple(messages), limit

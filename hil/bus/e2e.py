@@ -24,6 +24,7 @@ from enum import Enum
 from e2e import p01, p02, p05, p11
 
 from foundation.errors import BusError, UnknownNameError
+from foundation.resumable import Resumable
 
 
 class Status(Enum):
@@ -173,7 +174,7 @@ class Counting:
         self._next = (self._next + 1) % self.protection.profile.modulus
 
 
-class Checking:
+class Checking(Resumable):
     """The receiver's side of a message: is a frame intact, and the one that was to come?
 
     Args:
@@ -194,6 +195,8 @@ class Checking:
         >>> receiver.lost
         1
     """
+
+    _changes = ("lost", "_last")
 
     def __init__(self, protection: Protection, *, most_lost: int = 4) -> None:
         self.protection = protection

@@ -10,6 +10,7 @@ import numpy as np
 import sympy as sp
 
 from foundation.errors import ChannelError
+from foundation.resumable import Resumable
 from identification.output_filter import Array, OutputFilter
 from identification.regressors.regression import Regression
 from identification.regressors.sympy_fold import Sym
@@ -18,7 +19,7 @@ NUISANCE = 2
 """Columns of the filter's own transients, before the regression's."""
 
 
-class StreamingRows:
+class StreamingRows(Resumable):
     """Forms the filtered equations of one sample after another.
 
     Args:
@@ -28,6 +29,14 @@ class StreamingRows:
         sample_time: Between samples [s].
         ramps: Which inputs run in straight lines between samples; others hold.
     """
+
+    _changes = (
+        "_state",
+        "_first",
+        "_last",
+        "_slope",
+        "_samples",
+    )
 
     def __init__(
         self,

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from foundation.errors import ExcitationError, TwinproofError
+from foundation.resumable import Resumable
 from identification.online.base import OnlineEstimate, OnlineEstimator
 from identification.online.filtered_rows import NUISANCE, StreamingRows
 from identification.online.triangles import Array, Triangles
@@ -30,7 +31,7 @@ _LOOK = 8  # the share of the rows by which they grow until everything is looked
 _COLUMN_IS_ZERO = 1e-11
 
 
-class RecursiveFilter(OnlineEstimator):
+class RecursiveFilter(OnlineEstimator, Resumable):
     """Recursive output filter and least squares: after any number of samples, the batch's answer.
 
     Args:
@@ -58,6 +59,19 @@ class RecursiveFilter(OnlineEstimator):
         >>> online.update([0.1], [0.0, 0.0]).samples
         1
     """
+
+    _changes = (
+        "_rows",
+        "_triangles",
+        "_waiting",
+        "_samples",
+        "_next_look",
+        "_last",
+        "_lumps",
+        "_innovation_sd",
+        "_values",
+        "_sd",
+    )
 
     def __init__(
         self,

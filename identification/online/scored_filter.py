@@ -17,6 +17,7 @@ import numpy as np
 
 from fmus.dae import Dae
 from foundation.errors import DivergenceError
+from foundation.resumable import Resumable
 from identification.innovations import Disturbance, disturbed_values, filter_library, pointer
 from identification.online.disturbed import disturbed
 from identification.problem import Matrix, Vector
@@ -45,7 +46,7 @@ class Scored:
     states: Matrix
 
 
-class ScoredFilter(Shooting):
+class ScoredFilter(Shooting, Resumable):
     """An extended Kalman filter with a disturbance at every input, in blocks of samples.
 
     Args:
@@ -70,6 +71,16 @@ class ScoredFilter(Shooting):
         >>> f.block(np.zeros((11, 1)), np.zeros((10, 1))).information.shape
         (1, 1)
     """
+
+    _changes = (
+        "values",
+        "_p",
+        "_z",
+        "_P",
+        "_Z",
+        "_time",
+        "_begun",
+    )
 
     def __init__(
         self,

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from foundation.errors import InputError
+from foundation.resumable import Resumable
 
 Array = NDArray[np.float64]
 
@@ -22,7 +23,7 @@ BLOCKS = 32
 """Blocks that are kept at least, once there are that many rows; at most twice as many."""
 
 
-class Triangles:
+class Triangles(Resumable):
     """Triangles of blocks of rows, for several equations at once.
 
     Args:
@@ -34,6 +35,16 @@ class Triangles:
     Raises:
         InputError: A factor outside (0, 1], or a window too short.
     """
+
+    _changes = (
+        "_buffer",
+        "_buffered",
+        "_current",
+        "_current_rows",
+        "_blocks",
+        "_whole",
+        "_length",
+    )
 
     def __init__(
         self, equations: int, width: int, *, forgetting: float = 1.0, memory: int | None = None

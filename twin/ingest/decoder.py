@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from foundation.resumable import Resumable
 from hil.bus.codec import Layout
 from hil.bus.dbc import protection_of
 from hil.bus.e2e import Checking, Status
@@ -34,8 +35,13 @@ class Decoded:
     messages: dict[str, tuple[int, int]] = field(default_factory=dict[str, tuple[int, int]])
 
 
-class _Wanted:
+class _Wanted(Resumable):
     """One message: its identifier, its protection, its fields."""
+
+    _changes = (
+        "last",
+        "checking",
+    )
 
     def __init__(self, layout: Layout, bus: int) -> None:
         message = layout.message
@@ -47,7 +53,7 @@ class _Wanted:
         self.last = -1
 
 
-class Decoder:
+class Decoder(Resumable):
     """Takes the variables out of frames of one or several buses.
 
     Args:
@@ -71,6 +77,12 @@ class Decoder:
         >>> decoder.decode(columns([frame])).variables, decoder.statistics.repeated
         ({}, 1)
     """
+
+    _changes = (
+        "statistics",
+        "stale",
+        "_wanted",
+    )
 
     def __init__(self, buses: Sequence[Sequence[Layout]]) -> None:
         self.statistics = Statistics()

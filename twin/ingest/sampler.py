@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from foundation.resumable import Resumable
 from twin.ingest.decoder import Decoded
 
 Array = NDArray[np.float64]
@@ -42,7 +43,7 @@ class Block:
     outputs: Array
 
 
-class Sampler:
+class Sampler(Resumable):
     """Collects readings and hands out whole blocks.
 
     Args:
@@ -63,6 +64,14 @@ class Sampler:
         >>> block.inputs[:, 0].tolist(), block.outputs[:, 0].tolist()
         ([0.0, 1.0, 2.0], [-0.0, -1.0])
     """
+
+    _changes = (
+        "missing",
+        "_held",
+        "_waiting",
+        "_first",
+        "_newest",
+    )
 
     def __init__(
         self,

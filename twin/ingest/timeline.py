@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from foundation.resumable import Resumable
 from recordings.readers.can_frames import Frames
 
 
@@ -30,7 +31,7 @@ class Slice:
     step: int = 0
 
 
-class Timeline:
+class Timeline(Resumable):
     """Cuts frames into slices.
 
     Args:
@@ -41,6 +42,14 @@ class Timeline:
     Attributes:
         refused: Frames that were too old.
     """
+
+    _changes = (
+        "refused",
+        "_end",
+        "_newest",
+        "_old_since",
+        "_parts",
+    )
 
     def __init__(self, length: int, patience: int) -> None:
         self.length, self.patience = length, patience
