@@ -33,6 +33,7 @@ ALLOWED = {
     "the compiler from PyPI is not installed": find_spec("ziglang") is None,
     "no cc": which("cc") is None,
     "no PostgreSQL server": not any(Path("/usr/lib/postgresql").glob("*/bin/postgres")),
+    "no nats-server": which("nats-server") is None,
     "no chromium": which("chromium") is None,
     "no unprivileged network namespaces": not _namespaces(),
 }

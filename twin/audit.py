@@ -142,6 +142,28 @@ def check(entries: Iterable[Entry], key: bytes, anchor: Head) -> Audit:
     return Audit(head.number, True)
 
 
+def sealed(key: bytes, about: str, content: bytes) -> bytes:
+    """Return content with a code before it, for a place that others can write to.
+
+    Example:
+        >>> unsealed(b"key", "a", sealed(b"key", "a", b"content"))
+        b'content'
+        >>> unsealed(b"key", "b", sealed(b"key", "a", b"content"))
+    """
+    return _seal(key, about, content) + content
+
+
+def unsealed(key: bytes, about: str, found: bytes) -> bytes | None:
+    """Return what was sealed; None: it was with another key, about something else, or changed."""
+    code, content = found[: hashlib.sha256().digest_size], found[hashlib.sha256().digest_size :]
+    return content if hmac.compare_digest(_seal(key, about, content), code) else None
+
+
+def _seal(key: bytes, about: str, content: bytes) -> bytes:
+    # Not to be taken for the code of an entry, which is of a JSON list.
+    return hmac.new(key, b"sealed\0" + about.encode() + b"\0" + content, hashlib.sha256).digest()
+
+
 @dataclass(frozen=True)
 class KeyFile:
     """The key of the log, and beside it (`.head`) the newest code.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Protocol, TypeAlias
+from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -111,4 +111,12 @@ class Follower(Protocol):
 
     def verify(self, parameters: ParameterSet) -> None:
         """Compare with these parameters from now on."""
+        ...
+
+    def snapshot(self) -> dict[str, Any]:
+        """Return what it knows."""
+        ...
+
+    def resume(self, found: dict[str, Any]) -> None:
+        """Know what another one of the same twin knew."""
         ...

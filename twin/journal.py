@@ -14,7 +14,8 @@ from twin.store.store import Store
 
 SERVICE = ""
 """In place of a twin's name: events of the service itself."""
-_ROOM = 10_000
+ROOM = 10_000
+"""Events that wait at most while the store fails."""
 
 
 class Journal:
@@ -23,13 +24,14 @@ class Journal:
     Args:
         store: Where it goes.
         clock: Says when [s].
-        room: Events that wait at most while the store fails; the oldest estimates go first.
+        room: Events that wait at most while the store fails; the oldest estimates go first. 0:
+            nothing waits, since what it comes from comes again.
 
     Attributes:
         lost: Events for which there was no room.
     """
 
-    def __init__(self, store: Store, clock: Callable[[], float], room: int = _ROOM) -> None:
+    def __init__(self, store: Store, clock: Callable[[], float], room: int = ROOM) -> None:
         self.store = store
         self.lost = 0
         self._clock = clock
@@ -109,6 +111,8 @@ class Journal:
         return not self._failure
 
     def _wait(self, events: Sequence[Event], also: tuple[Action, ...]) -> None:
+        if self._room == 0:
+            return
         self._waiting += [(event, ()) for event in events[:-1]]
         self._waiting.append((events[-1] if events else None, also))
         while len(self._waiting) > self._room:

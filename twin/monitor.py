@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from foundation.errors import InputError, TwinproofError
 from recordings.readers.can_frames import Frames
@@ -45,6 +46,8 @@ class Monitor:
         journal: Where everything goes.
         clock: Says what time it is, in the frames' time [s].
         roots: Folders of further Modelica libraries.
+        kept: What belongs into every transaction of this twin: of a worker, its check-point.
+        resumed: The snapshot of another one, which this one takes up.
 
     Attributes:
         lock: Held while anything changes; hold it to look at the pipeline.
@@ -58,8 +61,11 @@ class Monitor:
         clock: Callable[[], float],
         *,
         roots: tuple[Path, ...] = (),
+        kept: Callable[[], Sequence[Action]] = lambda: (),
+        resumed: Mapping[str, Any] | None = None,
     ) -> None:
         self.settings = settings
+        self._kept = kept
         self.journal = journal
         self._clock = clock
         self._roots = roots
@@ -87,6 +93,8 @@ class Monitor:
         )
         self.pipeline = pipeline(self.settings, start)
         self._start = start
+        if resumed is not None:
+            self._resume(resumed)
         self._write(
             [
                 Event(
@@ -111,6 +119,35 @@ class Monitor:
             record = replace(self._life.record, model="")
             self._life = replace(self._life, record=record)
             self._unverify(f"the improved model cannot be used: {error}")
+
+    def snapshot(self) -> dict[str, Any]:
+        """Return what another monitor of the same twin needs to go on; plain values, not copied."""
+        with self.lock:
+            return {
+                "model": self._model,
+                "in_force": self._verified_id,
+                "life": self._life,
+                "effect": self._effect,
+                "decision": self._decision,
+                "pipeline": self.pipeline.snapshot(),
+            }
+
+    def _resume(self, found: Mapping[str, Any]) -> None:
+        if found["model"] != self._model:
+            return  # the store has gone on: another model is followed
+        self.pipeline.resume(found["pipeline"])
+        record, life = self._life.record, found["life"]
+        self._decision = found["decision"]
+        if found["in_force"] == self._verified_id:
+            self._life, self._effect = replace(life, record=record), found["effect"]
+        else:
+            # It was promoted, or rolled back, when this had been written down.
+            self._life = Life(record, stale=life.stale, followed_since=life.followed_since)
+            self.pipeline.verify(self.reference)
+
+    @property
+    def _verified_id(self) -> str | None:
+        return None if self._in_force is None else self._in_force[0].id
 
     @property
     def name(self) -> str:
@@ -144,15 +181,28 @@ class Monitor:
 
     # What comes from the plant
 
-    def feed(self, frames: Frames) -> list[Event]:
-        """Take frames; return what happened. The gate has heard of it when this returns."""
-        with self.lock:
-            return self._take(self.pipeline.feed(frames))
+    def feed(self, frames: Frames, now: float | None = None) -> list[Event]:
+        """Take frames; return what happened. The gate has heard of it when this returns.
 
-    def tick(self) -> list[Event]:
-        """Look at what time alone changes: silence, ages."""
+        Args:
+            frames: As they come.
+            now: Everything before it has come [s]; None: `tick` looks for silence.
+        """
         with self.lock:
-            return self._take(self.pipeline.idle(self._clock()))
+            events = self.pipeline.feed(frames)
+            if now is not None:
+                events = [*events, *self.pipeline.idle(now)]
+            return self._take(events)
+
+    def tick(self, *, silence: bool = True) -> list[Event]:
+        """Look at what time alone changes: ages, and silence if that is wanted."""
+        with self.lock:
+            return self._take(self.pipeline.idle(self._clock()) if silence else [])
+
+    def tell(self, events: list[Event]) -> None:
+        """Write what happened around the twin."""
+        with self.lock:
+            self._write(events)
 
     def interrupted(self, now: float) -> None:
         """Forget that telemetry was followed: a clock was set, or frames were lost."""
@@ -483,7 +533,7 @@ class Monitor:
         self._life = replace(self._life, record=record)
 
     def _write(self, events: list[Event], *also: Action) -> bool:
-        return self.journal.write(events, *also)
+        return self.journal.write(events, *also, *self._kept())
 
     def stop(self) -> None:
         """End in order."""

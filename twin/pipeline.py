@@ -264,8 +264,10 @@ class Pipeline(Resumable):
         stamp = round(now * 1e9)
         for part in self._timeline.finish(stamp):
             events += self._slice(part)
-        for change in self._telemetry.silent(stamp):
-            events += self._changed(change)
+        # While a slice is open, what came last is not known yet.
+        if not self._timeline.is_open:
+            for change in self._telemetry.silent(stamp):
+                events += self._changed(change)
         return events + self._watch.found(wait=False)
 
     def close(self) -> None:

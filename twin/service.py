@@ -12,7 +12,7 @@ import json
 import logging
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -28,7 +28,7 @@ from twin.events import Event, EventKind
 from twin.follower import Follower
 from twin.hub import FLEET, Hub
 from twin.improvement import improve
-from twin.journal import SERVICE, Journal
+from twin.journal import ROOM, SERVICE, Journal
 from twin.lineage import Recorded
 from twin.monitor import Monitor
 from twin.settings import Settings, TwinSettings, settings_of
@@ -36,7 +36,7 @@ from twin.store.documents import Evidence, ParameterSet
 from twin.store.history import Retention
 from twin.store.store import Store
 from twin.verification import Job, improved, verify
-from twin.view import Averages, line, numbers, signals
+from twin.view import Averages, decision_document, line, numbers, signals
 
 _LOG = logging.getLogger("twinproof.twin")
 _ROUND = 0.02
@@ -78,14 +78,12 @@ class Running:
 
     Attributes:
         monitor, source: Of it.
-        fingerprint: Changes when its settings do.
         averages: What goes into the history.
         faults: That are known of already.
     """
 
     monitor: Monitor
     source: Source
-    fingerprint: str
     averages: Averages
     faults: dict[str, str] = field(default_factory=dict[str, str])
 
@@ -104,11 +102,15 @@ class Service(Closing):
         steady: Time that nobody sets [s].
         verification: Runs a job; default: `twin.verification.verify` as the settings say.
         roots: Folders of further Modelica libraries.
+        room: Of the journal.
 
     Raises:
         InputError: The settings are wrong.
         StoreError: The store cannot be opened.
     """
+
+    _finds_silence = True
+    """Whether this process' clock says that frames should have come."""
 
     def __init__(
         self,
@@ -120,6 +122,7 @@ class Service(Closing):
         steady: Callable[[], float] = time.monotonic,
         verification: Verify | None = None,
         roots: tuple[Path, ...] = (),
+        room: int = ROOM,
     ) -> None:
         self._path, self._roots = path, roots
         self._make_pipeline, self._open_source = pipeline, source
@@ -127,7 +130,7 @@ class Service(Closing):
         self.settings, self._fingerprints = self._read()
         service = self.settings.service
         self.store = Store.open(service.store, Path(service.key), path.parent)
-        self.journal = Journal(self.store, clock)
+        self.journal = Journal(self.store, clock, room)
         self.hub = Hub()
         self.started = clock()
         self._verification = verification or self._study
@@ -159,8 +162,7 @@ class Service(Closing):
         Args:
             threads: False: nothing happens by itself; `step` does one round.
         """
-        for twin in self.settings.twins:
-            self._begin(twin)
+        self._begin_all(self._fingerprints.keys())
         if threads:
             self._thread.start()
         _LOG.info("started", extra={"twins": list(self._twins), "store": self.store.where})
@@ -181,13 +183,18 @@ class Service(Closing):
         self.store.close()
         _LOG.info("stopped")
 
-    def _begin(self, twin: TwinSettings) -> None:
-        def pipeline(settings: TwinSettings, start: ParameterSet) -> Follower:
-            return self._make_pipeline(settings, start, self._diagnoses)
+    def _begin_all(self, names: Collection[str]) -> None:
+        for twin in self.settings.twins:
+            if twin.name in names:
+                self._begin(twin)
 
-        monitor = Monitor(twin, pipeline, self.journal, self.clock, roots=self._roots)
+    def _pipeline(self, settings: TwinSettings, start: ParameterSet) -> Follower:
+        return self._make_pipeline(settings, start, self._diagnoses)
+
+    def _begin(self, twin: TwinSettings) -> None:
+        monitor = Monitor(twin, self._pipeline, self.journal, self.clock, roots=self._roots)
         source = self._open_source(self.settings, twin)
-        self._twins[twin.name] = Running(monitor, source, self._fingerprints[twin.name], Averages())
+        self._twins[twin.name] = Running(monitor, source, Averages())
 
     def _end(self, name: str) -> None:
         running = self._twins.pop(name)
@@ -206,21 +213,20 @@ class Service(Closing):
         """
         with self._lock:
             settings, prints = self._read()
-            if settings.service != self.settings.service:
+            now = self.settings
+            if (settings.service, settings.stream) != (now.service, now.stream):
                 raise InputError(
-                    "[service] has changed",
+                    "[service] or [jetstream] has changed",
                     where=str(self._path),
                     remedy="restart the service: a reload is for twins",
                 )
-            there = set(self._twins)
-            changed = {n for n in there & set(prints) if prints[n] != self._twins[n].fingerprint}
-            removed, added = there - set(prints), set(prints) - there
-            for name in removed | changed:
+            before = self._fingerprints
+            changed = {n for n in before.keys() & prints.keys() if prints[n] != before[n]}
+            removed, added = before.keys() - prints.keys(), prints.keys() - before.keys()
+            for name in (removed | changed) & self._twins.keys():
                 self._end(name)
             self.settings, self._fingerprints = settings, prints
-            for twin in settings.twins:
-                if twin.name in added | changed:
-                    self._begin(twin)
+            self._begin_all(added | changed)
             return {
                 "added": sorted(added),
                 "removed": sorted(removed),
@@ -228,6 +234,14 @@ class Service(Closing):
             }
 
     # Asking
+
+    def decide(self, name: str, controller: str) -> dict[str, Any]:
+        """Return whether a controller (its hash) may be deployed on a twin's plant now, as JSON.
+
+        Raises:
+            UnknownNameError: There is no twin of that name.
+        """
+        return decision_document(self.monitor(name).decide(controller))
 
     @property
     def monitors(self) -> dict[str, Monitor]:
@@ -266,6 +280,14 @@ class Service(Closing):
     def fleet(self) -> list[dict[str, Any]]:
         """Return a line about each twin, as JSON."""
         return [line(m, self.clock()) for m in self.monitors.values()]
+
+    def known(self, name: str) -> TwinSettings:
+        """Return a twin's settings.
+
+        Raises:
+            UnknownNameError: There is none of that name.
+        """
+        return self.settings.twin(name)
 
     @property
     def is_alive(self) -> bool:
@@ -321,14 +343,17 @@ class Service(Closing):
         self.journal.retry()
         self._watch_clock()
         for running in list(self._twins.values()):
-            running.monitor.tick()
-            self._compare_faults(running)
-            job = running.monitor.next_job()
-            if job is not None:
-                self._executor.submit(self._verify, running, *job)
-            spans = running.averages.take(running.monitor.pipeline.estimate)
-            if spans and not self.journal.failure:
-                self._keep(running.monitor.name, spans)
+            self._look_at(running)
+
+    def _look_at(self, running: Running) -> None:
+        running.monitor.tick(silence=self._finds_silence)
+        self._compare_faults(running)
+        job = running.monitor.next_job()
+        if job is not None:
+            self._executor.submit(self._verify, running, *job)
+        spans = running.averages.take(running.monitor.pipeline.estimate)
+        if spans and not self.journal.failure:
+            self._keep(running.monitor.name, spans)
 
     def _keep(self, name: str, spans: Any) -> None:
         try:
@@ -342,25 +367,25 @@ class Service(Closing):
         if abs(moved) > _CLOCK_STEP:
             for running in list(self._twins.values()):
                 running.monitor.interrupted(self.clock())
-            self._degraded(SERVICE, "clock", f"it was set by {moved:+.3f} s")
-            self._recovered(SERVICE, "clock")
+            because = f"it was set by {moved:+.3f} s"
+            told = self._degraded(SERVICE, "clock", because), self._recovered(SERVICE, "clock")
+            self.journal.write(told)
 
     def _compare_faults(self, running: Running) -> None:
         name, before, now = running.monitor.name, running.faults, dict(running.source.faults())
-        for what, why in now.items():
-            if what not in before:
-                self._degraded(name, what, why)
-        for what in before:
-            if what not in now:
-                self._recovered(name, what)
         running.faults = now
+        events = [
+            self._degraded(name, what, why) for what, why in now.items() if what not in before
+        ]
+        events += [self._recovered(name, what) for what in before if what not in now]
+        if events:
+            running.monitor.tell(events)
 
-    def _degraded(self, twin: str, what: str, because: str) -> None:
-        detail: dict[str, Any] = {"what": what, "because": because}
-        self.journal.write([Event(self.clock(), twin, EventKind.DEGRADED, detail)])
+    def _degraded(self, twin: str, what: str, because: str) -> Event:
+        return Event(self.clock(), twin, EventKind.DEGRADED, {"what": what, "because": because})
 
-    def _recovered(self, twin: str, what: str) -> None:
-        self.journal.write([Event(self.clock(), twin, EventKind.RECOVERED, {"what": what})])
+    def _recovered(self, twin: str, what: str) -> Event:
+        return Event(self.clock(), twin, EventKind.RECOVERED, {"what": what})
 
     def _publish(self) -> None:
         for name in self._twins:

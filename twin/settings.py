@@ -100,6 +100,36 @@ class ServiceSettings:
 
 
 @dataclass(frozen=True, kw_only=True)
+class StreamSettings:
+    """NATS JetStream, between gateways and workers.
+
+    Attributes:
+        url: Of the servers, commas between them; empty: none, one process does all.
+        credentials: File with the user's credentials (`.creds`); empty: none are asked for.
+        name: Of the stream; one for each file of settings.
+        age: How long frames are kept for workers [s]; recordings stay at the gateways.
+        limit: Of all frames that are kept [byte].
+        period: Of what a gateway sends for each twin [s].
+    """
+
+    url: str = ""
+    credentials: str = ""
+    name: str = "twinproof"
+    age: float = unit("s", 900.0)
+    limit: float = 4e9
+    period: float = unit("s", 0.1)
+
+    def __post_init__(self) -> None:
+        _positive("jetstream", age=self.age, limit=self.limit, period=self.period)
+        if not self.name or not all(c.isalnum() or c in "-_" for c in self.name):
+            raise InputError(
+                f"'{self.name}' is no name of a stream",
+                where="jetstream.name",
+                remedy="use letters, digits, - and _",
+            )
+
+
+@dataclass(frozen=True, kw_only=True)
 class TwinBus:
     """A bus that a twin listens to.
 
@@ -247,11 +277,13 @@ class Settings:
         path: Of the file.
         service: The process.
         twins: At least one, each with a name of its own.
+        stream: Between gateways and workers.
     """
 
     path: Path
     service: ServiceSettings
     twins: tuple[TwinSettings, ...]
+    stream: StreamSettings = field(default_factory=StreamSettings)
 
     def file(self, name: str) -> Path:
         """Return a path that is written in the settings."""
@@ -285,7 +317,7 @@ def read_settings(path: Path, *, roots: tuple[Path, ...] = ()) -> Settings:
 
 def settings_of(table: Table, roots: tuple[Path, ...] = ()) -> Settings:
     """Return the settings that a table holds; errors as `read_settings`."""
-    table.only(["service", "twin"])
+    table.only(["service", "twin", "jetstream"])
     twins = tuple(_twin(t, roots) for t in table.subs("twin"))
     if not twins:
         raise InputError("no twin", where=table.where(), remedy="add a table [[twin]]")
@@ -295,7 +327,12 @@ def settings_of(table: Table, roots: tuple[Path, ...] = ()) -> Settings:
             raise InputError(
                 f"two twins are called '{name}'", where=str(table.path), remedy="rename one"
             )
-    return Settings(table.path, build(ServiceSettings, table.sub("service")), twins)
+    return Settings(
+        table.path,
+        build(ServiceSettings, table.sub("service")),
+        twins,
+        build(StreamSettings, table.sub("jetstream")),
+    )
 
 
 _TWIN_KEYS = (

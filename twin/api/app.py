@@ -19,7 +19,6 @@ from twin.events import EventKind
 from twin.hub import FLEET
 from twin.service import Service
 from twin.tokens import Scope, Tokens
-from twin.view import decision_document
 
 PAGES = Path(__file__).parents[1] / "pages"
 # Everything of a page is from here: whatever somebody smuggles in is not run.
@@ -75,8 +74,7 @@ def gate(
     controller: Annotated[str, Query(pattern=r"^[0-9a-f]{64}$")],
 ) -> docs.Gate:
     """May the controller with this hash be deployed on this twin's plant now?"""
-    decision = service.monitor(twin).decide(controller)
-    return docs.Gate(**decision_document(decision))
+    return docs.Gate(**service.decide(twin, controller))
 
 
 @_READING.get("/twins", tags=["twins"], responses=_ASKED)
@@ -126,7 +124,7 @@ def audit(service: Asked) -> docs.AuditResult:
 @_READING.get("/twins/{twin}/parameters", tags=["twins"], responses=_ASKED)
 def parameters(service: Asked, twin: str, limit: Limit = 100) -> docs.Sets:
     """Parameter sets and what became of them, newest first."""
-    service.monitor(twin)
+    service.known(twin)
     return docs.Sets(sets=service.store.parameter_sets(twin, limit))
 
 
@@ -139,7 +137,7 @@ def history(
     end: Time = 1e12,
 ) -> docs.History:
     """A parameter, or with `.sd` its standard deviation, over time."""
-    service.monitor(twin)
+    service.known(twin)
     spans = service.store.history(twin, name, start, end)
     return docs.History.model_validate({"spans": [vars(s) for s in spans]})
 

@@ -93,6 +93,11 @@ class Timeline(Resumable):
                 upto += 1
             frames = _part(frames, upto, len(frames))
 
+    @property
+    def is_open(self) -> bool:
+        """Whether there are frames in a slice that is not complete."""
+        return bool(self._parts)
+
     def finish(self, now: int | None = None) -> Iterator[Slice]:
         """Yield what is left: no more frames of that slice come.
 

@@ -22,6 +22,10 @@ WRITING = "twinproof_writing"
 
 # How long another process may hold the database before that counts as a failure [s].
 _PATIENCE = 5.0
+# So that a server notices within 5 s that a client's machine has vanished, with its locks.
+_SILENCE = (
+    "SET tcp_keepalives_idle = 2; SET tcp_keepalives_interval = 1; SET tcp_keepalives_count = 3"
+)
 
 
 @contextmanager
@@ -80,7 +84,18 @@ def open_database(url: str, folder: Path = Path()) -> Engine:
         raise InputError(str(error), where="service.store", remedy="correct the URL") from error
     if kind == "sqlite":
         _prepare_sqlite(engine)
+    else:
+        _prepare_postgresql(engine)
     return engine
+
+
+def _prepare_postgresql(engine: Engine) -> None:
+    def connected(connection: Any, _: Any) -> None:
+        connection.autocommit = True
+        connection.execute(_SILENCE)
+        connection.autocommit = False
+
+    event.listen(engine, "connect", connected)
 
 
 def _prepare_sqlite(engine: Engine) -> None:

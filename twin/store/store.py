@@ -14,7 +14,18 @@ from sqlalchemy.orm import Session
 
 from foundation.closing import Closing
 from foundation.errors import InputError, StoreError, UnknownNameError
-from twin.audit import Audit, Entry, Head, KeyFile, canonical, check, code, content_hash
+from twin.audit import (
+    Audit,
+    Entry,
+    Head,
+    KeyFile,
+    canonical,
+    check,
+    code,
+    content_hash,
+    sealed,
+    unsealed,
+)
 from twin.events import JSON, Event, EventKind
 from twin.store.actions import Action, in_force
 from twin.store.database import WRITING, open_database, said_plainly, upgrade
@@ -141,6 +152,12 @@ class Store(Closing):
         self._key_file.keep(newest)
         return entries
 
+    def do(self, *actions: Action) -> None:
+        """Do actions in one transaction, without a word in the log."""
+        with self._write() as session:
+            for action in actions:
+                action(session)
+
     def events(
         self,
         *,
@@ -183,6 +200,22 @@ class Store(Closing):
                     if content_hash(json.loads(row.document)) != row.id:
                         return Audit(found.events, False, f"{kind} {row.id[:12]} was changed")
         return found
+
+    def has_key_of_log(self) -> bool:
+        """Return whether the log's newest entry was written with the key that is here."""
+        entries = self.events(limit=2)
+        if not entries:
+            return True
+        before = entries[1].code if len(entries) > 1 else Head().code
+        return code(self._key, entries[0], before) == entries[0].code
+
+    def sealed(self, about: str, content: bytes) -> bytes:
+        """Return content with a code by the log's key, to be known again (`unsealed`)."""
+        return sealed(self._key, about, content)
+
+    def unsealed(self, about: str, found: bytes) -> bytes | None:
+        """Return what was sealed; None: it was changed, or sealed with another key."""
+        return unsealed(self._key, about, found)
 
     def begin_anew(self, clock: Callable[[], float], because: str) -> None:
         """Take the log's present end for its end, as after a restored backup; says so in it."""

@@ -2,9 +2,20 @@
 
 from __future__ import annotations
 
-from sqlalchemy import Boolean, Double, Index, Integer, MetaData, String, Text
+from sqlalchemy import (
+    BigInteger,
+    Boolean,
+    Double,
+    Index,
+    Integer,
+    LargeBinary,
+    MetaData,
+    String,
+    Text,
+)
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
 
+CLAIMS = "claims"
 _NAMES = {
     "ix": "ix_%(table_name)s_%(column_0_N_name)s",
     "uq": "uq_%(table_name)s_%(column_0_N_name)s",
@@ -107,3 +118,15 @@ class HistoryRow(Base):
     low: Mapped[float]
     high: Mapped[float]
     __table_args__ = (Index("ix_history_span_start", "span", "start"),)
+
+
+class ClaimRow(Base):
+    """Which worker runs a twin, and its last check-point (`twin.store.claims`)."""
+
+    __tablename__ = CLAIMS
+    twin: Mapped[str] = mapped_column(primary_key=True)
+    generation: Mapped[int]
+    worker: Mapped[str]
+    address: Mapped[str]
+    position: Mapped[int] = mapped_column(BigInteger())
+    state: Mapped[bytes | None] = mapped_column(LargeBinary())

@@ -13,6 +13,7 @@ from rich.table import Table
 from foundation.errors import InputError
 from twin.client import Client, ServiceSilentError
 from twinproof.cli.options import Output, json_option, modelica_path_option
+from twinproof.cli.twin_jetstream import gateway_command, worker_command
 from twinproof.cli.twin_replay import replay_command
 from twinproof.documents import document
 
@@ -293,4 +294,5 @@ def _number(value: float | None) -> str:
     return "" if value is None else f"{value:.5g}"
 
 
-twin.add_command(replay_command)
+for command in (replay_command, gateway_command, worker_command):
+    twin.add_command(command)
