@@ -109,6 +109,7 @@ class StreamSettings:
         name: Of the stream; one for each file of settings.
         age: How long frames are kept for workers [s]; recordings stay at the gateways.
         limit: Of all frames that are kept [byte].
+        replicas: Servers of a cluster that keep the same.
         period: Of what a gateway sends for each twin [s].
     """
 
@@ -116,11 +117,13 @@ class StreamSettings:
     credentials: str = ""
     name: str = "twinproof"
     age: float = unit("s", 900.0)
-    limit: float = 4e9
+    limit: float = 2e9
+    replicas: int = 1
     period: float = unit("s", 0.1)
 
     def __post_init__(self) -> None:
         _positive("jetstream", age=self.age, limit=self.limit, period=self.period)
+        _positive("jetstream", replicas=self.replicas)
         if not self.name or not all(c.isalnum() or c in "-_" for c in self.name):
             raise InputError(
                 f"'{self.name}' is no name of a stream",

@@ -35,6 +35,7 @@ docs/how-to/foreign-fmu
 docs/how-to/co-simulation
 docs/how-to/fleet
 docs/how-to/postgresql
+docs/how-to/machines
 docs/how-to/cluster
 docs/hil
 docs/twin

@@ -31,6 +31,7 @@ PATIENCE = 5.0
 _AGAIN = 0.25
 # A batch that is published a second time within this is dropped by the server [s].
 _DUPLICATES = 120.0
+_CHANGING = ("max_age", "max_bytes", "num_replicas")
 _NO_ROOM = (10023, 10047)
 """The server's codes for a stream that is larger than it may be."""
 FAILURES = (NatsError, OSError, asyncio.TimeoutError)
@@ -234,6 +235,7 @@ class Connection(Closing):
             discard=DiscardPolicy.OLD,
             max_age=s.age,
             max_bytes=round(s.limit),
+            num_replicas=s.replicas,
             duplicate_window=min(_DUPLICATES, s.age),
         )
         try:
@@ -248,7 +250,7 @@ class Connection(Closing):
                     where=self._where,
                     remedy="give it another name: jetstream.name",
                 )
-            if there.max_age != s.age or there.max_bytes != round(s.limit):
+            if any(getattr(there, n) != getattr(wanted, n) for n in _CHANGING):
                 await js.update_stream(wanted)
         except ServiceUnavailableError as error:
             raise StreamError(
