@@ -250,7 +250,7 @@ def test_old_history_grows_coarse_and_is_forgotten(store):
 
 def test_migrations_make_the_tables_that_the_program_expects(database, tmp_path):
     engine = open_database(database, tmp_path)
-    assert upgrade(engine) == (None, "0002")
+    assert upgrade(engine) == (None, "0003")
     with engine.connect() as connection:
         context = MigrationContext.configure(connection, opts={"compare_type": True})
         assert compare_metadata(context, Base.metadata) == []
@@ -261,7 +261,7 @@ def test_an_old_database_is_upgraded_and_keeps_what_it_has(database, tmp_path):
     with Store.open(database, Path("audit.key"), tmp_path) as store:
         append(store, event(1), also=(save_set(SET),))
         with store.engine.begin() as connection:
-            for table in ("artifacts", "links", "history"):
+            for table in ("artifacts", "links", "history", "claims"):
                 connection.execute(text(f"DROP TABLE {table}"))
             connection.execute(text("UPDATE alembic_version SET version_num = '0001'"))
     with Store.open(database, Path("audit.key"), tmp_path) as store:
