@@ -25,10 +25,10 @@ def gateway_command(config: Path, modelica_path: tuple[Path, ...]) -> int:
     Example:
       twinproof twin gateway line-3.toml
     """
-    from twin import logs  # noqa: PLC0415 - a client of NATS is slow to import
-    from twin.jetstream.connection import process_name  # noqa: PLC0415
-    from twin.jetstream.gateway import Gateway  # noqa: PLC0415
-    from twin.settings import read_settings  # noqa: PLC0415
+    from twin import logs
+    from twin.jetstream.connection import process_name
+    from twin.jetstream.gateway import Gateway
+    from twin.settings import read_settings
 
     logs.set_up()
     with Gateway(read_settings(config, roots=modelica_path), process_name()) as gateway:
@@ -56,9 +56,9 @@ def worker_command(config: Path, modelica_path: tuple[Path, ...]) -> int:
     Example:
       twinproof twin worker line-3.toml
     """
-    from twin import logs  # noqa: PLC0415 - a web server is slow to import
-    from twin.api import serve as serve_api  # noqa: PLC0415
-    from twin.live import live_worker  # noqa: PLC0415
+    from twin import logs
+    from twin.api import serve as serve_api
+    from twin.live import live_worker
 
     logs.set_up()
     with live_worker(config, modelica_path) as worker:
