@@ -128,7 +128,7 @@ def _long(folder: Path, minutes: float) -> Iterator[Figure]:
     scenario = scenario_of(table)
     sizes: list[int] = []
     # Told before the first cycle, and after the last.
-    result = run_scenario(scenario, progress=lambda _: sizes.append(resident()))
+    result = run_scenario(scenario, progress=lambda *_: sizes.append(resident()))
     yield Figure(f"hil {minutes:g} min: memory", (sizes[2] - sizes[1]) / 2**20, 1.0, "MB more")
     share = 100 * result.loop.missed / result.loop.trace.count
     yield Figure(f"hil {minutes:g} min: missed deadlines", share, 0.1, "%")
@@ -180,7 +180,12 @@ def _workers(folder: Path) -> Iterator[Figure]:
         path = folder / f"workers{workers}.toml"
         study = study_of(parse_toml(text, path))
         stamps: list[float] = []
-        run_study(study, workers=workers, progress=lambda _, s=stamps: s.append(time.monotonic()))
+
+        def stamp(_: str, done: int = 0, _total: int = 0, stamps: list[float] = stamps) -> None:
+            if done:
+                stamps.append(time.monotonic())
+
+        run_study(study, workers=workers, progress=stamp)
         skipped = len(stamps) // 10
         rate = (len(stamps) - 1 - skipped) / (stamps[-1] - stamps[skipped])
         runs_a_batch = len(study.cases()) / len(stamps)

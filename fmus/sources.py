@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -162,6 +163,82 @@ def _packages_around(path: Path) -> list[Path]:
         folders.insert(0, folder)
         folder = folder.parent
     return folders
+
+
+def check_libraries(folders: Sequence[Path]) -> tuple[Path, ...]:
+    """Return folders of further libraries, of which each holds whole packages.
+
+    A front end may read more than Modelica allows; what other tools would not find, or find under
+    another name, is refused here, where it can be said with file and line.
+
+    Raises:
+        InputError: One is no folder, holds no package, or is one itself; or a package has no
+            `package.mo`, or another name than its folder.
+        ModelicaError: A file of a package says that it is in another one, or defines a class of
+            another name.
+    """
+    for folder in folders:
+        if not folder.is_dir():
+            raise InputError(
+                "no such folder", where=str(folder), remedy="give the folder that a library is in"
+            )
+        if (folder / "package.mo").is_file():
+            raise InputError(
+                "this folder is a package itself",
+                where=str(folder),
+                remedy=f"give the folder that it is in: {folder.absolute().parent}",
+            )
+        for inner in sorted(path for path in folder.iterdir() if path.is_dir()):
+            _check_package(inner, "")
+        if not any(folder.glob("*.mo")) and not any(folder.glob("*/package.mo")):
+            raise InputError(
+                "no Modelica package in this folder",
+                where=str(folder),
+                remedy="give the folder that holds the library's folder, which has a package.mo",
+            )
+    return tuple(folders)
+
+
+def _check_package(folder: Path, outer: str) -> None:
+    """Check what the text of a package's files says of their place."""
+    is_package = (folder / "package.mo").is_file()
+    name = f"{outer}.{folder.name}".strip(".")
+    # A wrong name of the whole package first: every file's clause would be wrong with it.
+    for path in sorted(folder.glob("*.mo"), key=lambda p: (p.name != "package.mo", p.name)):
+        text = without_comments_and_strings(path.read_text(encoding="utf-8", errors="replace"))
+        clause = _WITHIN.search(text)
+        within = clause[1] if clause else ""
+        if not is_package:
+            if within:
+                raise InputError(
+                    f"the package {within} has no package.mo",
+                    where=str(path),
+                    remedy=f"write {folder / 'package.mo'}: within ; package {folder.name} "
+                    f"end {folder.name};",
+                )
+            continue
+        is_head = path.name == "package.mo"
+        wanted = outer if is_head else name
+        if clause is not None and within != wanted:
+            raise ModelicaError(
+                f"the file says `within {within};` but stands in "
+                + (f"the package {wanted}" if wanted else "no package"),
+                where=f"{path}:1:1",
+                remedy=f"begin it with `within {wanted};`, or move it",
+            )
+        found = _CLASS.search(text)
+        own = folder.name if is_head else path.stem
+        if found is not None and found[1] != own:
+            raise ModelicaError(
+                f"the file defines {found[1]}, where Modelica looks for {own}",
+                where=f"{path}:{text.count(chr(10), 0, found.start(1)) + 1}",
+                remedy=f"rename the {'folder' if is_head else 'file'} to {found[1]}"
+                + ("" if is_head else ".mo")
+                + f", or the class to {own}",
+            )
+    if is_package:
+        for inner in sorted(path for path in folder.iterdir() if path.is_dir()):
+            _check_package(inner, name)
 
 
 def library_roots(source: ModelicaSource) -> list[str]:

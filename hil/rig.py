@@ -6,7 +6,7 @@ import contextlib
 import itertools
 import os
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,6 +15,7 @@ import numpy as np
 
 from fmus.guarded import open_plant
 from foundation.errors import TwinproofError
+from foundation.progress import Progress, silent
 from hil.bus.bridge import bridged_terminals
 from hil.bus.codec import Packer, Unpacker
 from hil.bus.interface import open_bus
@@ -78,7 +79,7 @@ def run_scenario(
     scenario: Scenario,
     *,
     recording: Path | None = None,
-    progress: Callable[[str], None] = lambda _: None,
+    progress: Progress = silent,
 ) -> HilResult:
     """Run a scenario once.
 

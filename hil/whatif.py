@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import os
 import time
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -20,6 +20,7 @@ import numpy as np
 from fmus.cache import cache_folder, content_key
 from foundation.errors import ComputationError, InputError, TwinproofError
 from foundation.files import write_bytes
+from foundation.progress import Progress, silent
 from hil.closed_loop import ClosedLoop, Signals
 from hil.controllers import Controller, FmuController
 from hil.criteria import Evidence, Verdict
@@ -204,7 +205,7 @@ def run_study(
     scheduler: str | None = None,
     workers: int | None = None,
     results: Path | None = None,
-    progress: Callable[[str], None] = lambda _: None,
+    progress: Progress = silent,
 ) -> StudyResult:
     """Run a study, or what is left of it.
 
@@ -225,6 +226,8 @@ def run_study(
     left = [case for case in cases if case.number not in known]
     began = time.monotonic()
     resumed = len(known)
+    text = f"running {study.name}"
+    progress(text, resumed, len(cases))
     with path.open("a", encoding="utf-8") as file:
         if not known and not file.tell():
             file.write(json.dumps({"study": study.key, "name": study.name}) + "\n")
@@ -241,7 +244,7 @@ def run_study(
                 known[row["number"]] = row
                 file.write(json.dumps(row) + "\n")
             file.flush()
-            progress(_far(len(known), len(cases), resumed, time.monotonic() - began))
+            progress(text, len(known), len(cases))
     runs = tuple(_of_row(known[case.number], case) for case in cases)
     return StudyResult(study, runs, resumed, time.monotonic() - began, _notes(runs, study))
 
@@ -266,12 +269,6 @@ def replay(study: Study, case_number: int) -> tuple[RunResult, dict[str, Any]]:
         return result, columns
     finally:
         bench.close()
-
-
-def _far(done: int, total: int, resumed: int, seconds: float) -> str:
-    fresh = done - resumed
-    rest = seconds / fresh * (total - done) if fresh else 0.0
-    return f"{done} of {total} runs, {rest:.0f} s left"
 
 
 def _batches(

@@ -17,6 +17,7 @@ import numpy as np
 
 from fmus.running import model_fmu
 from foundation.errors import InputError
+from foundation.progress import Progress, silent
 from hil.plants import Fit, from_here
 from hil.settings import Table, read_toml
 from hil.study import Study, study_of, with_fit
@@ -165,7 +166,7 @@ def verify(
     *,
     scheduler: str | None = None,
     workers: int | None = 1,
-    progress: Callable[[str], None] = lambda _: None,
+    progress: Progress = silent,
 ) -> Evidence:
     """Run the study and return its evidence, whatever it is.
 

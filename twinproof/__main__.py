@@ -1,5 +1,5 @@
 """`python -m twinproof` is the command."""
 
-from twinproof.cli import command
+from twinproof.cli import main
 
-command(prog_name="twinproof")
+main()

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from fmus.in_series import model_of
 from foundation.errors import InputError, UnsupportedModelError
+from foundation.progress import Progress, silent
 from identification import comparison
 from identification.discovery import diagnosis as discovery
 from identification.discovery import ladder
@@ -34,7 +35,6 @@ from recordings import load as load_recording
 from twinproof.answers import Compared, Diagnosed, FittedRecord, Identified, Improved
 from twinproof.model import Model
 
-Progress = Callable[[str], None]
 Horizon = float | str | None
 
 
@@ -236,7 +236,7 @@ def diagnose(
     parameters: Mapping[str, float] | None = None,
     free: Collection[str] | None = None,
     verified: Mapping[str, tuple[float, float]] | None = None,
-    progress: Progress = lambda _: None,
+    progress: Progress = silent,
 ) -> Diagnosed:
     """Fit a model and find out which physical effect it lacks.
 
@@ -309,7 +309,7 @@ def improve(
     parameters: Mapping[str, float] | None = None,
     free: Collection[str] | None = None,
     horizon: Horizon = "auto",
-    progress: Progress = lambda _: None,
+    progress: Progress = silent,
 ) -> Improved:
     """Compare, diagnose, extend, refit, step by step, and score on unseen data once at the end.
 

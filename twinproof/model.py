@@ -13,7 +13,7 @@ from fmus.dae import Dae, Role
 from fmus.frontend import load
 from fmus.in_series import around
 from fmus.places import Place, places
-from fmus.sources import ModelicaSource, find_source
+from fmus.sources import ModelicaSource, check_libraries, find_source
 from foundation.errors import UnsupportedModelError
 
 
@@ -49,6 +49,7 @@ class Model:
 
         Raises:
             ModelicaError: There is no such file.
+            InputError: A folder of libraries holds none; see `fmus.sources.check_libraries`.
             UnsupportedModelError: A system of several FMUs is given, which can only be simulated.
         """
         if word.endswith(".ssp"):
@@ -58,8 +59,8 @@ class Model:
                 remedy="give one model: an FMU, or Modelica source as file.mo:Class.Name",
             )
         if word.endswith(".fmu"):
-            return cls(word, fmu=Path(word), roots=tuple(modelica_path))
-        return cls(word, find_source(word, tuple(modelica_path)))
+            return cls(word, fmu=Path(word), roots=check_libraries(modelica_path))
+        return cls(word, find_source(word, check_libraries(modelica_path)))
 
     @property
     def source(self) -> ModelicaSource:

@@ -5,13 +5,13 @@ from __future__ import annotations
 import csv
 import io
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 
 from fmus.master.ssp import write_ssp
 from fmus.package import export
 from foundation.errors import InputError
 from foundation.files import write_text
+from foundation.progress import Progress
 from identification.discovery.assembly import assembled
 from identification.discovery.extension import ExtendedModel
 from identification.discovery.ladder import Step
@@ -21,7 +21,7 @@ from twinproof.report import write_improvement as write_report
 
 
 def write_improvement(
-    result: Improved, folder: Path, *, command: str, progress: Callable[[str], None]
+    result: Improved, folder: Path, *, command: str, progress: Progress
 ) -> dict[int, tuple[str, str]]:
     """Write every step's `.mo` and `.fmu`, `ladder.csv`, `report.html` and `repeat.sh`.
 

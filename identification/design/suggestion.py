@@ -10,6 +10,7 @@ import numpy as np
 
 from fmus.dae import Dae
 from foundation.errors import ExcitationError, InputError, UnknownNameError
+from foundation.progress import Progress, counted, silent
 from identification.design.bound import (
     Bound,
     Criterion,
@@ -97,6 +98,7 @@ def suggest(
     criterion: Criterion = "D",
     tries: int = _TRIES,
     seed: int = 0,
+    progress: Progress = silent,
 ) -> Suggestion:
     """Search for an input that tells the parameters well.
 
@@ -112,6 +114,7 @@ def suggest(
             `A`: the root mean square of the relative deviations.
         tries: Changes tried.
         seed: Of the changes.
+        progress: Told how many excitations have been tried.
 
     Raises:
         ExcitationError: Even a faint input makes the plant run away or leave its limits.
@@ -127,7 +130,8 @@ def suggest(
         if name not in [v.name for v in dae.outputs]:
             raise UnknownNameError("output", name, [v.name for v in dae.outputs], where=dae.name)
     search = _Search(dae, limits, noise_sd, outputs, free, values, criterion)
-    found = {name: search.judge(make(search)) for name, make in _FAMILIES.items()}
+    judged = ((name, search.judge(make(search))) for name, make in _FAMILIES.items())
+    found = dict(counted(progress, "trying families of excitations", judged, len(_FAMILIES)))
     tried = {name: cost for name, (cost, _, _) in found.items()}
     family = min(tried, key=lambda name: tried[name])
     if not np.isfinite(tried[family]):
@@ -137,7 +141,7 @@ def suggest(
         )
     best = found[family]
     spectrum = min((n for n in _SPECTRA), key=lambda name: tried[name])
-    improved = search.refine(_SPECTRA[spectrum](search), tries, seed)
+    improved = search.refine(_SPECTRA[spectrum](search), tries, seed, progress)
     if improved[0] < best[0]:
         family, best = f"multisine from {spectrum}", improved
     return Suggestion(best[1], best[2], family, tried)
@@ -253,12 +257,12 @@ class _Search:
         high = np.array([allowed.get(n, (-np.inf, np.inf))[1] for n in names])
         return bool(np.all((outputs >= low) & (outputs <= high)))
 
-    def refine(self, start: _Multisine, tries: int, seed: int) -> Judged:
+    def refine(self, start: _Multisine, tries: int, seed: int, progress: Progress) -> Judged:
         """Change a multisine at random, keeping what helps; the steps adapt to success."""
         random = np.random.default_rng(seed)
         current, best = start, self.judge(self.signal(start))
         size = 0.5
-        for _ in range(tries):
+        for _ in counted(progress, "changing the best one", range(tries), tries):
             shape = current.amplitudes.shape
             trial = _Multisine(
                 current.amplitudes * np.exp(size * random.standard_normal(shape)),

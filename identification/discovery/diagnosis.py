@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 
 import numpy as np
 
 from foundation.errors import DivergenceError, TwinproofError
+from foundation.progress import Progress, silent
 from identification.discovery.crossvalidation import Verdict, crossvalidate
 from identification.discovery.empirical import Proposal, propose
 from identification.discovery.evidence import CHANCE_GAIN, Refit, refit_all
@@ -34,8 +35,6 @@ _NUMERICAL = 1e-4
 # share no effect is named.
 _SMALL_DISTURBANCE = 0.02
 _LARGE_DISTURBANCE = 0.1
-
-Progress = Callable[[str], None]
 
 
 class Outcome(Enum):
@@ -111,7 +110,7 @@ def diagnose(
     experiment: Experiment,
     fit: Fit,
     *,
-    progress: Progress = lambda _: None,
+    progress: Progress = silent,
 ) -> Diagnosis:
     """Find the effect that best explains what a fitted model leaves over.
 
@@ -174,11 +173,9 @@ def _with_disturbance(
 def _by_output_error(
     model: ExtendedModel, experiment: Experiment, fit: Fit, progress: Progress
 ) -> tuple[Diagnosis, tuple[Refit, ...]]:
-    progress("scoring every effect at every place")
-    scanned = scan(model, experiment, fit)
+    scanned = scan(model, experiment, fit, progress=progress)
     shortlist = _shortlist(scanned.scored)
-    progress(f"refitting the best {len(shortlist)} of {len(scanned.scored)}")
-    refits, failed = refit_all(model, experiment, fit, shortlist)
+    refits, failed = refit_all(model, experiment, fit, shortlist, progress=progress)
     noise = experiment.noise()
     checks: dict[str, Verdict] = {}
     chosen: Refit | None = None

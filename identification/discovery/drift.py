@@ -7,7 +7,7 @@ the price of its parameters, `evidence`). What comes first by more than a tie ha
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 
@@ -15,6 +15,7 @@ import numpy as np
 
 from fmus.sources import ModelicaSource
 from foundation.errors import InputError, UnknownNameError
+from foundation.progress import Progress, silent
 from identification.discovery.diagnosis import TIE, Diagnosis, Outcome, diagnose
 from identification.discovery.evidence import CHANCE_GAIN, independent_of_all, log_gain
 from identification.discovery.extension import extend
@@ -25,8 +26,6 @@ from identification.problem import Problem, Vector
 
 # A parameter has moved if it is this many standard deviations (of both values) away.
 _MOVED = 3.0
-
-Progress = Callable[[str], None]
 
 
 class Change(Enum):
@@ -83,7 +82,7 @@ def missing_or_drifted(
     problem: Problem | Sequence[Problem],
     known: Mapping[str, Prior],
     *,
-    progress: Progress = lambda _: None,
+    progress: Progress = silent,
 ) -> Drift:
     """Say whether moved parameters explain a record as well as a missing effect does.
 

@@ -133,7 +133,15 @@ def find_effects(source: ModelicaSource | None = None) -> tuple[Effect, ...]:
             if base is not None:
                 kind = _KINDS[base]
                 effect = replace(
-                    _read(one.name, one.description, kind, where, defined_in, tuple(one.inputs)),
+                    _read(
+                        one.name,
+                        one.description,
+                        kind,
+                        where,
+                        defined_in,
+                        tuple(one.inputs),
+                        one.written,
+                    ),
                     searched=one.searched,
                     empirical=_base_of(one, every, _EMPIRICAL) is not None,
                 )
@@ -164,7 +172,8 @@ def resolve(name: str, kind: str, effects: tuple[Effect, ...]) -> Effect:
 class _Class:
     """A class in a Modelica text: its full name, its one line, what it extends, its inputs.
 
-    `searched` is False with `annotation(__twinproof(search = false))`.
+    `searched` is False with `annotation(__twinproof(search = false))`; `written` is the file of a
+    library that has it.
     """
 
     name: str
@@ -173,6 +182,7 @@ class _Class:
     bases: list[str]
     inputs: list[str]
     searched: bool = True
+    written: ModelicaSource | None = None
 
 
 def _classes_of_library(root: Path) -> tuple[_Class, ...]:
@@ -180,7 +190,11 @@ def _classes_of_library(root: Path) -> tuple[_Class, ...]:
     for path in sorted(root.rglob("*.mo")):
         text = path.read_text(encoding="utf-8")
         within = re.search(r"\bwithin\s+([\w.]+)\s*;", text)
-        found += _classes_in(text, within[1] + "." if within else "")
+        prefix = within[1] + "." if within else ""
+        for one in _classes_in(text, prefix):
+            own = one.name.removeprefix(prefix)
+            one.written = ModelicaSource(text, own, str(path), one.name)
+            found.append(one)
     return tuple(found)
 
 
@@ -227,6 +241,7 @@ def _read(
     roots: tuple[Path, ...],
     text: str,
     companions: tuple[str, ...],
+    written: ModelicaSource | None,
 ) -> Effect:
     further = "".join(f"Twinproof.Interfaces.RealInput given_{name}; " for name in companions)
     given = "".join(f" effect.{name} = given_{name};" for name in companions)
@@ -234,7 +249,9 @@ def _read(
         f"model EffectHost\n  {class_name} effect;\n  {further}{_HOST[kind]}{given}\n"
         "end EffectHost;\n"
     )
-    source = ModelicaSource(f"{text}\n{host}", "EffectHost", f"{class_name}.mo", class_name, roots)
+    source = ModelicaSource(
+        f"{text}\n{host}", "EffectHost", f"{class_name}.mo", class_name, roots, file=written
+    )
     dae = load(source)
     parameters = tuple(
         v

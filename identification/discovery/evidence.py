@@ -10,6 +10,7 @@ from functools import partial
 import numpy as np
 
 from foundation.errors import DivergenceError, TwinproofError
+from foundation.progress import Progress, counted, silent
 from identification.discovery.extension import Addition, ExtendedModel, extend
 from identification.discovery.scan import Scored
 from identification.discovery.transfer import transfer_all_states, transfer_problems
@@ -63,7 +64,12 @@ class Refit:
 
 
 def refit_all(
-    model: ExtendedModel, experiment: Experiment, base: Fit, shortlist: Sequence[Scored]
+    model: ExtendedModel,
+    experiment: Experiment,
+    base: Fit,
+    shortlist: Sequence[Scored],
+    *,
+    progress: Progress = silent,
 ) -> tuple[tuple[Refit, ...], dict[str, str]]:
     """Refit each candidate of a shortlist.
 
@@ -72,7 +78,8 @@ def refit_all(
     """
     one = partial(_refit_or_reason, model, experiment, base)
     with ThreadPoolExecutor(_WORKERS) as pool:
-        results = list(pool.map(one, shortlist))
+        refitted = pool.map(one, shortlist)
+        results = list(counted(progress, "refitting the best candidates", refitted, len(shortlist)))
     good = [r for r in results if isinstance(r, Refit)]
     failed = {
         s.addition.label: r for s, r in zip(shortlist, results, strict=True) if isinstance(r, str)

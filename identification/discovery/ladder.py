@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
@@ -10,6 +10,7 @@ import numpy as np
 
 from fmus.sources import ModelicaSource
 from foundation.errors import DivergenceError
+from foundation.progress import Progress, silent
 from identification.comparison import Comparison, compare
 from identification.discovery.crossvalidation import Verdict
 from identification.discovery.diagnosis import Diagnosis, Outcome, diagnose
@@ -21,8 +22,6 @@ from identification.experiment import Experiment
 from identification.gauss_newton import Fit
 from identification.prediction import WINDOW, Prediction, choose_horizon, noise_estimate
 from identification.problem import Problem, Vector
-
-Progress = Callable[[str], None]
 
 
 @dataclass(frozen=True)
@@ -100,7 +99,7 @@ def improve(
     *,
     max_effects: int = 4,
     horizon: float | str | None = "auto",
-    progress: Progress = lambda _: None,
+    progress: Progress = silent,
 ) -> Improvement:
     """Find the missing effects of a model, one by one.
 

@@ -17,6 +17,7 @@ import numpy as np
 from fmus.places import Place, places
 from fmus.sources import ModelicaSource
 from foundation.errors import UnsupportedModelError
+from foundation.progress import Progress, counted, silent
 from identification.discovery.effects import Effect, find_effects
 from identification.discovery.extension import Addition, ExtendedModel, addition_at, extend
 from identification.discovery.transfer import flat_name, transfer_all_states, transfer_problems
@@ -89,7 +90,12 @@ def _fits(place: Place, effect: Effect, measured: Sequence[str]) -> bool:
 
 
 def scan(
-    model: ExtendedModel, experiment: Experiment, fit: Fit, *, exclude: Sequence[str] = ()
+    model: ExtendedModel,
+    experiment: Experiment,
+    fit: Fit,
+    *,
+    exclude: Sequence[str] = (),
+    progress: Progress = silent,
 ) -> Scan:
     """Score every candidate that the model does not have yet.
 
@@ -98,14 +104,17 @@ def scan(
         experiment: That model on the record.
         fit: Its fit.
         exclude: Labels (`EFFECT@PLACE`) not to test.
+        progress: Told how many groups of candidates are scored.
     """
     measured = experiment.problem.output_names
     have = {a.label for a in model.additions} | set(exclude)
     wanted = [a for a in _fitting(model.base, measured) if a.label not in have]
     testable, skipped = _testable(wanted)
     with ThreadPoolExecutor(_WORKERS) as pool:
-        scored = pool.map(partial(score_group, model, experiment, fit), _groups(testable))
-        every = [one for group in scored for one in group]
+        groups = _groups(testable)
+        scored = pool.map(partial(score_group, model, experiment, fit), groups)
+        text = "scoring every effect at every place"
+        every = [one for group in counted(progress, text, scored, len(groups)) for one in group]
     return Scan(tuple(sorted(every, key=lambda s: -s.gain)), skipped)
 
 

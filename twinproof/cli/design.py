@@ -131,22 +131,24 @@ def design(
                 where="--amplitude",
                 remedy="give it in the input's unit, or DATA to judge a record",
             )
-        suggestion = suggest(
-            chosen.dae,
-            Limits(
-                amplitude=_numbers(amplitude, "--amplitude"),
-                band=_pair(_numbers(band, "--band"), "--band"),
-                duration=duration,
-                step=step,
-                outputs=dict(_range(word) for word in limits),
-            ),
-            noise_sd=noise,
-            outputs=tuple(noise) or None,
-            free=names,
-            values=values,
-            criterion="D" if criterion == "D" else "A",
-            seed=seed,
-        )
+        with output.progress() as progress:
+            suggestion = suggest(
+                chosen.dae,
+                Limits(
+                    amplitude=_numbers(amplitude, "--amplitude"),
+                    band=_pair(_numbers(band, "--band"), "--band"),
+                    duration=duration,
+                    step=step,
+                    outputs=dict(_range(word) for word in limits),
+                ),
+                noise_sd=noise,
+                outputs=tuple(noise) or None,
+                free=names,
+                values=values,
+                criterion="D" if criterion == "D" else "A",
+                seed=seed,
+                progress=progress,
+            )
         bound, problem = suggestion.bound, suggestion.problem
     units = {n: v.unit for n, v in chosen.dae.variables.items()}
     output.console.print(_table(bound, units))

@@ -101,15 +101,17 @@ def identify(
     from twinproof.report.tables import estimate_rows
 
     output = request.output
-    result = api.identify(
-        request.model,
-        [request.recording, *map(request.read, also)],
-        method=method,
-        free=request.free,
-        parameters=request.parameters,
-        horizon=horizon,
-        priors=parse_priors(priors),
-    )
+    with output.progress() as progress:
+        progress("fitting the parameters")
+        result = api.identify(
+            request.model,
+            [request.recording, *map(request.read, also)],
+            method=method,
+            free=request.free,
+            parameters=request.parameters,
+            horizon=horizon,
+            priors=parse_priors(priors),
+        )
     output.console.print(
         tables.parameters(estimate_rows(result.estimate, result.problem), result.estimate.method)
     )

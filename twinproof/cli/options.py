@@ -14,9 +14,12 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 from rich.console import Console
+from rich.text import Text
 
+from fmus.sources import check_libraries
 from foundation.errors import InputError
 from foundation.files import write_text
+from foundation.progress import Progress, Spoken, silent
 from twinproof.cli.completing import complete_data, complete_model
 
 if TYPE_CHECKING:
@@ -27,6 +30,13 @@ if TYPE_CHECKING:
 _PIPE_WIDTH = 150
 
 F = TypeVar("F", bound=Callable[..., Any])
+
+
+def _checked(
+    _context: click.Context, _parameter: click.Parameter, folders: tuple[Path, ...]
+) -> tuple[Path, ...]:
+    return check_libraries(folders)
+
 
 model_argument = click.argument("model", shell_complete=complete_model)
 data_argument = click.argument("data", shell_complete=complete_data)
@@ -45,8 +55,9 @@ modelica_path_option = click.option(
     "modelica_path",
     multiple=True,
     metavar="DIR",
-    type=click.Path(path_type=Path, exists=True, file_okay=False),
-    help="Folder of a further Modelica library; may be repeated.",
+    type=click.Path(path_type=Path),
+    callback=_checked,
+    help="Folder that holds a further Modelica library; may be repeated.",
 )
 param_option = click.option(
     "--param",
@@ -269,13 +280,14 @@ class Output:
         self._errors.print(f"twinproof: {text}", soft_wrap=True)
 
     @contextmanager
-    def progress(self) -> Generator[Callable[[str], None]]:
-        """Show what is being done, on a terminal only."""
-        if not self._errors.is_terminal:
-            yield lambda _: None
+    def progress(self) -> Generator[Progress]:
+        """Show what is being done and how long it will take, on a terminal only."""
+        # With JSON on standard output somebody's program is asking, whatever the terminal.
+        if not self._errors.is_terminal or self._json_path == "-":
+            yield silent
             return
         with self._errors.status("starting") as status:
-            yield status.update
+            yield Spoken(lambda text: status.update(Text(text)))
 
 
 def command_line() -> str:

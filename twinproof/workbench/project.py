@@ -21,6 +21,7 @@ from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
+from fmus.sources import check_libraries
 from foundation.errors import FormatError, InputError
 from foundation.files import write_text
 
@@ -293,25 +294,9 @@ class Project:
         """Return the folders of further libraries.
 
         Raises:
-            InputError: One of them is none.
+            TwinproofError: See `fmus.sources.check_libraries`.
         """
-        found = tuple(self.folder / word for word in self.choices.library_words)
-        for folder, word in zip(found, self.choices.library_words, strict=True):
-            if not folder.is_dir():
-                raise InputError("no such folder", where=word, remedy="give the path of a folder")
-            if (folder / "package.mo").is_file():
-                raise InputError(
-                    "this folder is a package itself",
-                    where=word,
-                    remedy="give the folder that it is in",
-                )
-            if not any(folder.glob("*.mo")) and not any(folder.glob("*/package.mo")):
-                raise InputError(
-                    "no Modelica package in this folder",
-                    where=word,
-                    remedy="give the folder that holds the library's folder",
-                )
-        return found
+        return check_libraries([self.folder / word for word in self.choices.library_words])
 
     def _ignore_cache(self) -> None:
         self.cache.mkdir(parents=True, exist_ok=True)

@@ -15,6 +15,7 @@ import numpy as np
 from fmus.package import export as export_fmu
 from foundation.errors import InputError, TwinproofError
 from foundation.files import write_text
+from foundation.progress import Progress
 from identification.comparison import Comparison
 from identification.discovery.extension import ExtendedModel, extend, text_diff
 from identification.estimate import Estimate
@@ -31,7 +32,6 @@ from twinproof.workbench import curves
 from twinproof.workbench.look import look as look_at
 from twinproof.workbench.project import Project
 
-Progress = Callable[[str], None]
 Task = Callable[[Project, Mapping[str, str], Progress], None]
 
 
@@ -195,7 +195,7 @@ def score(project: Project, _arguments: Mapping[str, str], progress: Progress) -
         horizon = api.compare(words[-1][2], records[0]).horizon
     steps: list[pieces.Scored] = []
     for number, (_, label, one) in enumerate(words):
-        progress(f"fitting step {number} of {len(words) - 1}")
+        progress("fitting every step", number, len(words))
         fitted = api.identify(one, records, horizon=horizon)
         unseen: Comparison | None = None
         if choices.holdout:

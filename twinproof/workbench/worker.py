@@ -20,6 +20,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import IO, Any
 
+from foundation.progress import Spoken
+
 
 @dataclass(frozen=True)
 class Job:
@@ -165,7 +167,8 @@ def main(folder: Path) -> None:
     for line in sys.stdin:
         asked = json.loads(line)
         try:
-            tasks.run(asked["task"], folder, asked["arguments"], lambda text: say(progress=text))
+            progress = Spoken(lambda text: say(progress=text))
+            tasks.run(asked["task"], folder, asked["arguments"], progress)
         except tasks.FieldError as error:
             say(error={**said(error.error), "field": error.field})
         except tasks.TwinproofError as error:
