@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
@@ -167,8 +168,11 @@ class Loop:
             [],
         )
 
-    def run(self) -> LoopResult:
+    def run(self, stop: threading.Event | None = None) -> LoopResult:
         """Run to the end; the result is there even if this fails.
+
+        Args:
+            stop: When it is set, this is the end.
 
         Raises:
             BusError: The controller is silent from the beginning.
@@ -179,7 +183,7 @@ class Loop:
         with real_time(settings.cpu, settings.priority) as notes:
             self.result.notes += notes
             self._introduce()
-            self._cycles()
+            self._cycles(stop or threading.Event())
         return self.result
 
     def _introduce(self) -> None:
@@ -214,7 +218,7 @@ class Loop:
             f"{counts.wrong_checksum} with a wrong checksum"
         )
 
-    def _cycles(self) -> None:
+    def _cycles(self, stop: threading.Event) -> None:
         settings, plant, controller = self.settings, self.plant, self.controller
         result, trace = self.result, self.result.trace
         step, line = settings.step, plant.line
@@ -224,6 +228,8 @@ class Loop:
         outputs, inputs = list(plant.outputs), list(plant.inputs)
         reference = {f"{name}{REFERENCE}": 0.0 for name in outputs}
         for k in range(settings.cycles):
+            if stop.is_set():
+                return
             now = k * step
             line.wait_until(now)
             if is_real:

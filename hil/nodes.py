@@ -14,6 +14,7 @@ from hil.bus.sender import PeriodicSender
 from hil.bus.statistics import Statistics
 from hil.controllers.base import Controller
 from hil.faults.base import SignalFault
+from hil.faults.plant import ParameterChange
 from hil.line import Line
 from hil.sensors import Sensors
 from hil.watchdog import Watchdog
@@ -54,6 +55,7 @@ class PlantNode:
         safe: Values of the inputs while commands are missing.
         step: Period of messages for which the DBC says none [s].
         sensor_faults, actuator_faults: By signal.
+        changes: Of parameters, and the values that these have otherwise.
     """
 
     plant: Steppable
@@ -69,6 +71,7 @@ class PlantNode:
     step: float
     sensor_faults: Sequence[SignalFault] = ()
     actuator_faults: Sequence[SignalFault] = ()
+    changes: Sequence[tuple[ParameterChange, float]] = ()
 
     def __post_init__(self) -> None:
         self.commands = dict(self.safe)
@@ -131,7 +134,8 @@ class PlantNode:
             self.applied[fault.signal] = fault.value(self.applied[fault.signal], now)
         for name, value in disturbance.items():
             self.applied[name] += value
-        self.plant.set(self.applied)
+        changed = {change.parameter: change.value(usual, now) for change, usual in self.changes}
+        self.plant.set({**self.applied, **changed})
         self.plant.step(length)
 
 

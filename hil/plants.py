@@ -50,6 +50,12 @@ class PlantSettings:
         """Its outputs."""
         return [Port(v.name, v.unit, v.description) for v in self.described.outputs]
 
+    def value(self, parameter: str) -> float:
+        """Return a parameter's value at the start, in its unit; NaN: neither we nor the FMU say."""
+        declared = {v.name: v.start for v in self.described.parameters}
+        value = self.parameters.get(parameter, declared.get(parameter))
+        return np.nan if value is None else value
+
     def unit(self, name: str) -> str:
         """Return the unit of a column: of an input or output, also with a prefix."""
         bare = name.rpartition(".")[2]

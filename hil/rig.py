@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import itertools
 import os
+import threading
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -24,6 +25,7 @@ from hil.clock import RealClock, VirtualClock
 from hil.controllers import FmuController
 from hil.criteria import Evidence, Verdict
 from hil.faults import FrameFault, SignalFault
+from hil.faults.plant import ParameterChange
 from hil.faults.signals import MotorFailure, SupplySag
 from hil.frame_log import FrameLog
 from hil.line import Line
@@ -79,6 +81,7 @@ def run_scenario(
     scenario: Scenario,
     *,
     recording: Path | None = None,
+    stop: threading.Event | None = None,
     progress: Progress = silent,
 ) -> HilResult:
     """Run a scenario once.
@@ -86,6 +89,7 @@ def run_scenario(
     Args:
         scenario: From `read_scenario`.
         recording: File for what went over the bus, in place of the scenario's.
+        stop: When it is set the run ends; criteria about what was to come are not met.
         progress: Told what is being done.
 
     Raises:
@@ -103,7 +107,7 @@ def run_scenario(
         progress(f"running {scenario.run.duration:g} s")
         began = _VIRTUAL_START if scenario.run.clock == "virtual" else time.time()
         try:
-            rig.loop.run()
+            rig.loop.run(stop)
         except TwinproofError as error:
             error.remedy = f"{error.remedy}; {_left(scenario, rig, target, began)}".lstrip("; ")
             raise
@@ -208,6 +212,11 @@ def _assemble(scenario: Scenario, stack: contextlib.ExitStack) -> _Rig:
         run.step,
         sensor_faults=[f for f in of_signals if f not in actuator_faults],
         actuator_faults=actuator_faults,
+        changes=[
+            (f, scenario.plant.value(f.parameter))
+            for f in scenario.faults
+            if isinstance(f, ParameterChange)
+        ],
     )
     node: ControllerNode | None = None
     if scenario.controller is not None:

@@ -38,6 +38,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from cantools.database.can import Database
 
 from foundation.errors import InputError, TwinproofError, UnknownNameError
@@ -46,7 +47,7 @@ from hil.bus.dbc import REFERENCE, Port, bundled_dbc, parse_dbc, plant_dbc, read
 from hil.bus.interface import BusSettings
 from hil.controllers import CONTROLLERS, Controller, StateFeedback
 from hil.criteria import CRITERIA, Criterion
-from hil.faults import FAULTS, Fault, FrameFault, SignalFault
+from hil.faults import FAULTS, Fault, FrameFault, ParameterChange, SignalFault
 from hil.linear import linear_model
 from hil.loop import LoopSettings
 from hil.plants import PlantSettings, from_here, plant_of
@@ -202,7 +203,7 @@ def scenario_of(table: Table, roots: tuple[Path, ...] = ()) -> Scenario:
         process=process,
         references=references,
         disturbances=_waveforms(table.sub("disturbances"), inputs, "input"),
-        faults=tuple(_fault(t, outputs, inputs, messages) for t in table.subs("faults")),
+        faults=tuple(_fault(t, plant, messages) for t in table.subs("faults")),
         criteria=tuple(
             criterion_of(t, columns, plant, run.duration) for t in table.subs("criteria")
         ),
@@ -344,11 +345,12 @@ def _check_safe(bus: BusTable, inputs: Mapping[str, str], table: Table) -> None:
             raise UnknownNameError("input", name, inputs, where=table.sub("safe").where(name))
 
 
-def _fault(
-    table: Table, outputs: Mapping[str, str], inputs: Mapping[str, str], messages: Messages
-) -> Fault:
+def _fault(table: Table, plant: PlantSettings, messages: Messages) -> Fault:
     kind = FAULTS[table.word("kind", FAULTS)]
-    units = outputs if kind.kind in ("stuck", "bias") else inputs
+    if kind is ParameterChange:
+        return _parameter_change(table, plant)
+    ports = plant.outputs if kind.kind in ("stuck", "bias") else plant.inputs
+    units = {p.name: p.unit for p in ports}
     signal = str(table.values.get("signal", ""))
     fault = build(kind, table.without("kind"), own=units.get(signal, ""))
     if isinstance(fault, SignalFault) and fault.signal not in units:
@@ -356,4 +358,20 @@ def _fault(
     known = [m.name for m in messages.database.messages]
     if isinstance(fault, FrameFault) and fault.message and fault.message not in known:
         raise UnknownNameError("message", fault.message, known, where=table.where("message"))
+    return fault
+
+
+def _parameter_change(table: Table, plant: PlantSettings) -> ParameterChange:
+    units = {v.name: v.unit for v in plant.described.parameters}
+    own = units.get(str(table.values.get("parameter", "")), "")
+    fault = build(ParameterChange, table.without("kind"), own=own)
+    where = table.where("parameter")
+    if fault.parameter not in units:
+        raise UnknownNameError("parameter", fault.parameter, units, where=where)
+    if not np.isfinite(plant.value(fault.parameter)):
+        raise InputError(
+            f"the FMU does not say what {fault.parameter} is before it changes",
+            where=where,
+            remedy="give its value in [plant.parameters]",
+        )
     return fault

@@ -1,4 +1,4 @@
-"""Faults: of the bus, the sensors, the actuators and the controller, one interface for each."""
+"""Faults: of bus, sensors, actuators, controller and plant, one interface for each."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from hil.faults.frames import (
     LateController,
     Reorder,
 )
+from hil.faults.plant import ParameterChange
 from hil.faults.signals import Bias, MotorFailure, Stuck, SupplySag
 
 FAULTS: Mapping[str, type[Fault]] = MappingProxyType(
@@ -26,6 +27,7 @@ FAULTS: Mapping[str, type[Fault]] = MappingProxyType(
             *(Stuck, Bias),
             *(LateController, DeadController),
             *(MotorFailure, SupplySag),
+            ParameterChange,
         )
     }
 )
@@ -44,6 +46,7 @@ __all__ = [
     "FrameFault",
     "LateController",
     "MotorFailure",
+    "ParameterChange",
     "Reorder",
     "SignalFault",
     "Stuck",

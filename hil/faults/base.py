@@ -1,6 +1,6 @@
 """What a fault is.
 
-A new one is a dataclass that subclasses `FrameFault` or `SignalFault`; its fields are its keys in
+A new one is a dataclass that subclasses one of the classes here; its fields are its keys in
 TOML. Register it in `hil/faults/__init__.py`.
 """
 

@@ -145,6 +145,14 @@ signal = "V"
 gain = 0.7
 start = 1.0
 {UPRIGHT}{NEVER_SAFE}""",
+    "parameter-change": f"""
+[[faults]]
+kind = "parameter-change"
+parameter = "X6"
+to = 1.2
+start = 1.0
+stop = 2.0
+{UPRIGHT}{NEVER_SAFE}""",
 }
 
 

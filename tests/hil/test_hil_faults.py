@@ -1,9 +1,11 @@
+import threading
+
 import can
 import numpy as np
 import pytest
 from fault_scenarios import SCENARIOS, UPRIGHT, scenario
 
-from foundation.errors import InputError
+from foundation.errors import InputError, UnknownNameError
 from hil.faults import FAULTS, Delay, Drop, Duplicate, Reorder, Stuck
 from hil.rig import run_scenario
 
@@ -33,7 +35,7 @@ def test_every_class_of_fault_has_a_scenario():
     "kind",
     [
         *("drop", "delay", "duplicate", "reorder", "corrupt", "bus-off"),
-        *("late-controller", "dead-controller", "supply-sag"),
+        *("late-controller", "dead-controller", "supply-sag", "parameter-change"),
     ],
 )
 def test_reaction_is_the_expected_one(results, kind):
@@ -110,6 +112,43 @@ def test_virtual_time_is_deterministic(results, kind, tmp_path):
         np.testing.assert_array_equal(column, again.trace.columns[name], err_msg=name)
     assert first.plant == again.plant
     assert first.recording.read_bytes()[200:] == again.recording.read_bytes()[200:]
+
+
+def test_a_changed_parameter_is_that_of_a_plant_which_has_it(tmp_path):
+    """From 1 s on as a plant that was always so, from the state of 1 s; not before."""
+    text = SCENARIOS["parameter-change"]
+    changed = run_scenario(scenario(text, tmp_path / "changed.toml")).trace
+    never = run_scenario(scenario(UPRIGHT, tmp_path / "never.toml")).trace
+    pitch, usual = changed.columns["theta_p"], never.columns["theta_p"]
+    before = changed.time <= 1.0
+    np.testing.assert_array_equal(pitch[before], usual[before])
+    assert np.max(np.abs(pitch - usual)[~before]) > 1e-3
+    # The wheels' friction X6 is what the voltage must overcome: more of it wants more voltage.
+    last, there = changed.time > 3.5, (changed.time > 1.2) & (changed.time < 2.0)
+    more = changed.columns["V"] - never.columns["V"]
+    assert np.sqrt(np.mean(more[there] ** 2)) > 20 * np.sqrt(np.mean(more[last] ** 2))
+
+
+@pytest.mark.parametrize(
+    ("line", "said"), [('parameter = "Y6"', "did you mean"), ('parameter = "V"', "there are")]
+)
+def test_a_parameter_that_the_plant_does_not_have(line, said, tmp_path):
+    text = SCENARIOS["parameter-change"].replace('parameter = "X6"', line)
+    with pytest.raises(UnknownNameError, match=said):
+        scenario(text, tmp_path / "unknown.toml")
+
+
+def test_a_run_can_be_ended_early(tmp_path):
+    class Ended(threading.Event):
+        def is_set(self):
+            asked.append(None)
+            return len(asked) > 500
+
+    asked = []
+    result = run_scenario(scenario(UPRIGHT, tmp_path / "ended.toml"), stop=Ended())
+    assert result.trace.count == 500
+    assert not result.passed
+    assert result.recording.exists()
 
 
 def test_without_a_fault_nothing_is_counted(tmp_path):
