@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import heapq
 import select
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
+from typing import TypeAlias
 
 import can
 
@@ -13,6 +15,7 @@ from hil.clock import Clock, RealClock
 from hil.faults.base import Delivery, FrameFault
 from hil.frame_log import FrameLog
 
+Listener: TypeAlias = Callable[[float, can.Message], None]
 _BLIND = 80e-6  # [s] before a deadline in which nothing is read
 
 
@@ -29,6 +32,7 @@ class Line:
         faults: Of frames.
         names: Message of each identifier, for faults that strike one message only.
         log: Frames that went through, from both ends.
+        listener: Told of them, with the time of day of the cycle [s since 1970].
 
     Attributes:
         is_faulty: Whether faults strike: only once the run has begun.
@@ -44,11 +48,14 @@ class Line:
         faults: Sequence[FrameFault] = (),
         names: dict[int, str] | None = None,
         log: FrameLog | None = None,
+        listener: Listener | None = None,
     ) -> None:
         self.bus = bus
         self.clock = clock
         self.statistics = statistics
         self.log = log
+        self._listener = listener
+        self._epoch = time.time() - clock.now()
         self.is_faulty = False
         self.zero = 0.0
         self._asked = 0.0
@@ -97,8 +104,13 @@ class Line:
             self.statistics.not_sent += 1
             return
         self.statistics.sent += 1
+        self._passed(now, frame)
+
+    def _passed(self, now: float, frame: can.Message) -> None:
         if self.log is not None:
             self.log.add(now, frame)
+        if self._listener is not None:
+            self._listener(self._epoch + self.zero + now, frame)
 
     def take(self, now: float) -> list[tuple[float, can.Message]]:
         """Return the frames that have come by `now` [s], each with when it did."""
@@ -112,9 +124,8 @@ class Line:
         while self._coming and self._coming[0][0] <= now + 1e-9:
             due, _, frame = heapq.heappop(self._coming)
             arrived.append((due, frame))
-        if self.log is not None:
-            for _, frame in arrived:
-                self.log.add(now, frame)
+        for _, frame in arrived:
+            self._passed(now, frame)
         return arrived
 
     def read(self) -> None:

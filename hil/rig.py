@@ -28,7 +28,7 @@ from hil.faults import FrameFault, SignalFault
 from hil.faults.plant import ParameterChange
 from hil.faults.signals import MotorFailure, SupplySag
 from hil.frame_log import FrameLog
-from hil.line import Line
+from hil.line import Line, Listener
 from hil.loop import Loop, LoopResult, Trace
 from hil.nodes import ControllerNode, PlantNode
 from hil.process import running
@@ -82,6 +82,7 @@ def run_scenario(
     *,
     recording: Path | None = None,
     stop: threading.Event | None = None,
+    listener: Listener | None = None,
     progress: Progress = silent,
 ) -> HilResult:
     """Run a scenario once.
@@ -90,6 +91,8 @@ def run_scenario(
         scenario: From `read_scenario`.
         recording: File for what went over the bus, in place of the scenario's.
         stop: When it is set the run ends; criteria about what was to come are not met.
+        listener: Told every frame that the plant sends or takes, with the time of day of its cycle,
+            as an interface with a clock of its own would say it at the plant's plug.
         progress: Told what is being done.
 
     Raises:
@@ -103,7 +106,7 @@ def run_scenario(
     check_suffix(target)
     progress("preparing plant and controller")
     with contextlib.ExitStack() as stack:
-        rig = _assemble(scenario, stack)
+        rig = _assemble(scenario, stack, listener)
         progress(f"running {scenario.run.duration:g} s")
         began = _VIRTUAL_START if scenario.run.clock == "virtual" else time.time()
         try:
@@ -170,7 +173,7 @@ def _judged(scenario: Scenario, rig: _Rig, target: Path) -> HilResult:
     )
 
 
-def _assemble(scenario: Scenario, stack: contextlib.ExitStack) -> _Rig:
+def _assemble(scenario: Scenario, stack: contextlib.ExitStack, listener: Listener | None) -> _Rig:
     run, messages, bus_table = scenario.run, scenario.messages, scenario.bus
     for fault in scenario.faults:
         fault.reset()
@@ -193,6 +196,7 @@ def _assemble(scenario: Scenario, stack: contextlib.ExitStack) -> _Rig:
         faults=[f for f in scenario.faults if isinstance(f, FrameFault)],
         names={m.frame_id: m.name for m in messages.database.messages},
         log=log,
+        listener=listener,
     )
     unpacker = Unpacker(messages.actuators, statistics)
     unpacker.know(messages.database.messages)

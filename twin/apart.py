@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import signal
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
+from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 from typing import Any, ParamSpec, TypeVar
 
@@ -35,7 +38,8 @@ def apart(stop: threading.Event, function: Callable[P, T], *args: P.args, **kwar
     process = context.Process(
         target=_work, args=(theirs, os.getpid(), function, args, kwargs), daemon=True
     )
-    process.start()
+    with _undisturbed():
+        process.start()
     theirs.close()
     try:
         while not ours.poll(_LOOK):
@@ -55,6 +59,24 @@ def apart(stop: threading.Event, function: Callable[P, T], *args: P.args, **kwar
     if not done:
         raise value
     return value
+
+
+@contextmanager
+def _undisturbed() -> Generator[None]:
+    """Keep Ctrl-C, which reaches all processes of a terminal, from those that begin here.
+
+    The service ends them in order. A process inherits what the thread that starts it has blocked.
+    """
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    # It would unblock the signal when it starts beside the first process.
+    resource_tracker.ensure_running()
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 class Apart(ThreadPoolExecutor):

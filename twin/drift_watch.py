@@ -56,6 +56,7 @@ class DriftWatch(Resumable):
         plant: Its model.
         monitor: The tests.
         values: Parameter → value, as verified.
+        covariance: (k, k) of the free ones, in the order of the plant's.
         history: Samples of the last while, for a diagnosis.
         roots: Folders of further Modelica libraries.
         executor: Runs diagnoses; None: here, while `take` waits.
@@ -69,13 +70,14 @@ class DriftWatch(Resumable):
         plant: PlantModel,
         monitor: DriftMonitor,
         values: Mapping[str, float],
+        covariance: Array,
         history: History,
         *,
         roots: tuple[Path, ...] = (),
         executor: Executor | None = None,
     ) -> None:
         self._settings, self._plant, self._monitor = settings, plant, monitor
-        self._values, self._history = dict(values), history
+        self._values, self._covariance, self._history = dict(values), covariance, history
         self._roots, self._executor = roots, executor
         self._drift: _Drift | None = None
 
@@ -105,7 +107,7 @@ class DriftWatch(Resumable):
 
     def verify(self, values: Mapping[str, float], covariance: Array) -> None:
         """Compare with these parameters from now on; a drift is over."""
-        self._values = dict(values)
+        self._values, self._covariance = dict(values), covariance
         self._monitor.verify(values, covariance)
         self._drift = None
 
@@ -126,11 +128,12 @@ class DriftWatch(Resumable):
         wanted = self._settings.drift.diagnose
         if wanted > 0 and not drift.asked and time - drift.since >= wanted:
             drift.asked, drift.asked_at = True, time
-            since, parameter = self._since(), drift.alarm.parameter
+            spread = np.sqrt(np.maximum(np.diag(self._covariance), 0.0)).tolist()
+            since, sd = self._since(), dict(zip(self._plant.free, spread, strict=True))
             if self._executor is None:
-                events.append(self._diagnosis(diagnose(since, parameter), time))
+                events.append(self._diagnosis(diagnose(since, sd), time))
             else:
-                drift.finding = self._executor.submit(diagnose, since, parameter)
+                drift.finding = self._executor.submit(diagnose, since, sd)
         return events
 
     def found(self, *, wait: bool) -> list[Event]:

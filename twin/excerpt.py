@@ -47,21 +47,32 @@ class Excerpt:
         """The model's text."""
         return find_source(self.model, self.roots)
 
-    def problem(self) -> Problem:
+    def problem(self, *, whole: bool = False) -> Problem:
         """Return the fit of the model to the samples, without outputs that nobody measured.
+
+        Args:
+            whole: For estimators that need every sample: missing ones are put on the line between
+                their neighbours.
 
         Raises:
             TwinproofError: As for every MODEL.
         """
         count = len(self.output_names)
         kept = [j for j in range(count) if np.any(np.isfinite(self.outputs[:, j]))]
+        outputs = np.ascontiguousarray(self.outputs[:, kept])
         return Problem(
             load(self.source),
             self.sample_time * np.arange(len(self.outputs), dtype=np.float64),
             self.inputs,
-            np.ascontiguousarray(self.outputs[:, kept]),
+            _filled(outputs) if whole else outputs,
             tuple(self.output_names[j] for j in kept),
             self.noise_sd[kept],
             self.free,
             dict(self.values),
         )
+
+
+def _filled(columns: Array) -> Array:
+    rows = np.arange(len(columns))
+    filled = [np.interp(rows, rows[there], c[there]) for c in columns.T for there in [~np.isnan(c)]]
+    return np.column_stack(filled) if filled else columns

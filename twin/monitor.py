@@ -398,6 +398,7 @@ class Monitor:
                         "runs_passed": evidence.detail.get("passed"),
                         "seconds": evidence.detail.get("seconds"),
                         "evidence": evidence.id,
+                        "effect": set_.origin.get("effect"),
                         "parameters": set_.id,
                         "controller": evidence.controller,
                     },

@@ -164,6 +164,7 @@ class Pipeline(Resumable):
             model,
             drift_monitor(settings, model, start, covariance),
             self._believed.values,
+            covariance,
             self._history,
             roots=roots,
             executor=executor,

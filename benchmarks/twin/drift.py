@@ -167,7 +167,8 @@ def _friction(verified: Array) -> Iterator[Figure]:
             np.array(list(SENSORS.values())),
             NAMES,
             load(library_class(MODEL)).parameter_values,
-        )
+        ),
+        dict(zip(NAMES, np.sqrt(np.diag(verified)).tolist(), strict=True)),
     )
     right = found.verdict == "effect" and found.name == "CoulombFriction@wheel"
     yield Figure("  named as CoulombFriction@wheel", float(right), 1.0, "", at_least=True)

@@ -25,77 +25,46 @@ import numpy as np
 
 from benchmarks.figures import Figure
 from hil.bus.codec import Packer, layouts
-from hil.bus.dbc import Port, bundled_dbc, read_dbc
+from hil.bus.dbc import Port, read_dbc
 from twin.ingest.buses import BusSource
 from twin.pipeline import Pipeline
 from twin.service import Service
 from twin.store import Store
 from twin.verification import verify
+from twinproof.story import StoryFiles
 
-PLANT = "Twinproof.Plants.Pendulum"
+CHANNEL = "killed"
 INERTIAS = (0.185, 0.28)
+WEIGHT, FRICTION = 3.61, 0.05
 _H = 0.01
 # In which a drift must be flagged [s]; the figure of drift detection.
 _DETECTION = 5.0
 _LINE = re.compile(rb"\(\d{10}\.\d{6}\) bus0 [0-9A-F]{3}#[0-9A-F]+\n")
-_CONTROLLER = """
-kind = "pid"
-measured = ["theta"]
-commanded = ["tau"]
-period = "10 ms"
-proportional = 6.0
-derivative = 0.8
-"""
-_STUDY = f"""
-[plant]
-model = "{PLANT}"
-[controllers.any]{_CONTROLLER}
-[[criteria]]
-kind = "limit"
-signal = "theta"
-low = -2.0
-high = 2.0
-[run]
-duration = 0.5
-step = "10 ms"
-"""
-_CONFIG = f"""
-[[twin]]
-name = "arm"
-rate = 100.0
-[twin.plant]
-model = "{PLANT}"
-parameters_from = "fit.json"
-[twin.plant.sensors]
-theta = {{sd = 0.02}}
-omega = {{sd = 0.1}}
-[twin.bus]
-interface = "virtual"
-channel = "killed"
-[twin.estimator]
-disturbances = {{tau = 0.1}}
-disturbance_time = 0.1
-memory = 5.0
-[twin.drift]
-diagnose = 0.0
-false_alarms_per_hour = 1e-3
-[twin.verification]
-study = "study.toml"
-controller = "pid.toml"
-draws = 4
-settle = 2.0
-"""
 
 
 def prepare(folder: Path) -> None:
     """Write what the service is started with."""
-    (folder / "config.toml").write_text(_CONFIG)
-    (folder / "study.toml").write_text(_STUDY)
-    (folder / "pid.toml").write_text(_CONTROLLER)
+    story = StoryFiles.bundled()
+    twin = story.twin
+    # Frames are stamped when they are sent, by a process with other things to do.
+    twin["plant"]["sensors"] = {"theta": {"sd": 0.02}, "omega": {"sd": 0.1}}
+    twin["bus"] = {**twin["bus"], "channel": CHANNEL}
+    twin["estimator"] = {
+        "disturbances": {"tau": 0.1},
+        "disturbance_time": 0.1,
+        "memory": 5.0,
+    }
+    twin["drift"] = {"diagnose": 0.0, "false_alarms_per_hour": 1e-3}
+    twin["verification"] |= {"draws": 4, "settle": 2.0}
+    # What is verified matters less here than that it is, often.
+    story.study["run"]["duration"] = 0.5
+    story.fit["parameters"] = {
+        "J": {"value": INERTIAS[0], "sd": 0.003},
+        "mgl": {"value": WEIGHT, "sd": 0.03},
+        "d": {"value": FRICTION, "sd": 0.01},
+    }
+    story.write(folder)
     (folder / "plant.json").write_text(json.dumps({"J": INERTIAS[0], "since": 0.0}))
-    values = {"J": (INERTIAS[0], 0.003), "mgl": (3.61, 0.03), "d": (0.05, 0.01)}
-    fit = {"parameters": {n: {"value": v, "sd": sd} for n, (v, sd) in values.items()}}
-    (folder / "fit.json").write_text(json.dumps(fit))
 
 
 # The process that is killed
@@ -117,11 +86,11 @@ class _Machine:
     def run(self) -> None:
         rng = np.random.default_rng(self.seed)
         ports = [Port("tau", "N.m"), Port("theta", "rad"), Port("omega", "rad/s")]
-        packers = [Packer(p) for p in layouts(read_dbc(bundled_dbc(PLANT)), ports)]
+        packers = [Packer(p) for p in layouts(read_dbc(self.folder / "arm.dbc"), ports)]
         self.plant = json.loads((self.folder / "plant.json").read_text())
         changes = time.time() + rng.uniform(3.0, 12.0)
         x, k, began = [0.1, 0.0], 0, time.monotonic()
-        with can.Bus("killed", interface="virtual") as bus:
+        with can.Bus(CHANNEL, interface="virtual") as bus:
             while True:
                 now = time.time()
                 if now > changes:
@@ -136,7 +105,7 @@ class _Machine:
                 if k % 5 == 0:
                     _say("sent", f"{now:.6f}")
                 for _ in range(20):
-                    force = u - 3.61 * math.sin(x[0]) - 0.05 * x[1]
+                    force = u - WEIGHT * math.sin(x[0]) - FRICTION * x[1]
                     x[1] += _H / 20 * force / self.plant["J"]
                     x[0] += _H / 20 * x[1]
                 k += 1

@@ -12,14 +12,13 @@ from tempfile import TemporaryDirectory
 
 import httpx2
 import numpy as np
-import uvicorn
 
 from benchmarks.figures import Figure
 from benchmarks.twin.kills import prepare
 from hil.plants import plant_of
 from hil.settings import parse_toml
 from twin.apart import apart
-from twin.api import make_app
+from twin.api import make_app, served
 from twin.ingest.buses import BusSource
 from twin.pipeline import Pipeline
 from twin.service import Service
@@ -125,17 +124,8 @@ def readers() -> tuple[float, float]:
             BusSource,
         ) as service:
             service.start()
-            config = uvicorn.Config(make_app(service, Tokens()), port=0, log_config=None)
-            server = uvicorn.Server(config)
-            thread = threading.Thread(target=server.run)
-            thread.start()
-            while not server.started:
-                time.sleep(0.01)
-            port = server.servers[0].sockets[0].getsockname()[1]
-            found = asyncio.run(_readers(f"http://127.0.0.1:{port}"))
-            service.hub.close()
-            server.should_exit = True
-            thread.join()
+            with served(make_app(service, Tokens())) as server:
+                found = asyncio.run(_readers(server.url))
     rate = min(count for count, _ in found) / SECONDS
     return rate, max(longest for _, longest in found)
 

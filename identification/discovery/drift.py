@@ -17,15 +17,20 @@ from fmus.sources import ModelicaSource
 from foundation.errors import InputError, UnknownNameError
 from foundation.progress import Progress, silent
 from identification.discovery.diagnosis import TIE, Diagnosis, Outcome, diagnose
-from identification.discovery.evidence import CHANCE_GAIN, independent_of_all, log_gain
+from identification.discovery.evidence import (
+    CHANCE_GAIN,
+    Refit,
+    independent_of_all,
+    log_gain,
+)
 from identification.discovery.extension import extend
 from identification.experiment import Experiment
 from identification.gauss_newton import Fit
 from identification.priors import Prior
 from identification.problem import Problem, Vector
 
-# A parameter has moved if it is this many standard deviations (of both values) away.
-_MOVED = 3.0
+MOVED = 3.0
+"""A parameter has moved if it is this many standard deviations (of both values) away."""
 
 
 class Change(Enum):
@@ -76,6 +81,11 @@ class Drift:
     effect_merit: float
     diagnosis: Diagnosis
 
+    @property
+    def over_moved(self) -> float:
+        """What the effect gains over the best moved parameters [nats]."""
+        return self.effect_merit - max([m.merit for m in self.moved], default=0.0)
+
 
 def missing_or_drifted(
     source: ModelicaSource,
@@ -119,12 +129,16 @@ def missing_or_drifted(
     if len(known) > 1:
         sets.append(tuple(known))
     fits = [(names, loose.fit(base.x0, base.values, free=(*others, *names))) for names in sets]
-    moved = _ranked(loose, base, fits, known)
     diagnosis = diagnose(extend(source, []), held, base, progress=progress)
     chosen = diagnosis.chosen
+    # What the innovations have named is measured by its likelihood, which counts for itself.
+    by_error = None if diagnosis.opinion is not None else chosen
+    moved, independent = _ranked(loose, base, fits, known, by_error)
     label = "" if chosen is None else chosen.addition.label
     merit = 0.0 if chosen is None else chosen.merit
-    return Drift(_change(moved, diagnosis), moved, label, merit, diagnosis)
+    if by_error is not None:
+        merit += float(np.sum(independent * by_error.gain)) - by_error.evidence
+    return Drift(_change(moved, merit, diagnosis), moved, label, merit, diagnosis)
 
 
 def _ranked(
@@ -132,15 +146,27 @@ def _ranked(
     base: Fit,
     fits: Sequence[tuple[tuple[str, ...], Fit]],
     known: Mapping[str, Prior],
-) -> tuple[Moved, ...]:
-    finite = [(names, found) for names, found in fits if np.isfinite(found.at.cost)]
-    if not finite:
-        return ()
-    # Counted as for effects: by what the best of them leaves over.
-    best = max((found for _, found in finite), key=lambda f: float(np.sum(log_gain(base, f)[0])))
-    independent = independent_of_all(experiment, best)
-    rows = [_moved(base, names, found, independent, known) for names, found in finite]
-    return tuple(sorted(rows, key=lambda m: -m.merit))
+    effect: Refit | None,
+) -> tuple[tuple[Moved, ...], Vector]:
+    """Return candidates, best first, and the independent samples that all are counted by.
+
+    One measure for all, effects too: what the best of them leaves over. By their own each, the same
+    fit would have another evidence.
+    """
+    gains = [
+        (names, found, float(np.sum(log_gain(base, found)[0])))
+        for names, found in fits
+        if np.isfinite(found.at.cost)
+    ]
+    best = max(gains, key=lambda row: row[2], default=None)
+    if effect is not None and (best is None or float(np.sum(effect.gain)) > best[2]):
+        independent = effect.independent
+    elif best is not None:
+        independent = independent_of_all(experiment, best[1])
+    else:
+        return (), np.zeros(0)
+    rows = [_moved(base, names, found, independent, known) for names, found, _ in gains]
+    return tuple(sorted(rows, key=lambda m: -m.merit)), independent
 
 
 def _moved(
@@ -161,19 +187,19 @@ def _moved(
     return Moved(values, evidence, merit, float(np.nanmax(deviations)))
 
 
-def _change(moved: tuple[Moved, ...], diagnosis: Diagnosis) -> Change:
+def _change(moved: tuple[Moved, ...], merit: float, diagnosis: Diagnosis) -> Change:
     best = moved[0] if moved else None
     if best is not None and best.evidence < CHANCE_GAIN + np.log(len(moved)):
         best = None
     chosen = diagnosis.chosen
     if chosen is None:
-        if best is not None and best.deviations > _MOVED:
+        if best is not None and best.deviations > MOVED:
             return Change.DRIFTED
         complete = diagnosis.outcome is Outcome.COMPLETE or best is not None
         return Change.NOTHING if complete else Change.MISSING
-    if best is None or chosen.merit > best.merit + TIE:
+    if best is None or merit > best.merit + TIE:
         return Change.MISSING
-    if chosen.merit > best.merit - TIE:
+    if merit > best.merit - TIE:
         return Change.EITHER
     # What the verified values' own uncertainty explains is no change.
-    return Change.DRIFTED if best.deviations > _MOVED else Change.NOTHING
+    return Change.DRIFTED if best.deviations > MOVED else Change.NOTHING

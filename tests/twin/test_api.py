@@ -11,13 +11,12 @@ import pytest
 import schemathesis
 from fastapi.testclient import TestClient
 from hypothesis import HealthCheck, given, settings
-from live_server import served
 from prometheus_client.parser import text_string_to_metric_families
 from schemathesis.checks import not_a_server_error, response_schema_conformance
 from scripted import read_config, scripted_service, settle, write_config
 
 from foundation.errors import InputError, StoreError, UnknownNameError
-from twin.api import make_app
+from twin.api import make_app, served
 from twin.api.app import PAGES
 from twin.api.serving import tokens_of
 from twin.hub import Hub
@@ -282,7 +281,7 @@ def test_many_readers_get_live_data_and_an_end(tmp_path):
 
     with scripted_service(tmp_path) as service:
         settle(service)
-        with served(make_app(service, Tokens())) as (base, _):
+        with served(make_app(service, Tokens())) as server:
             stop = threading.Event()
 
             def rounds():
@@ -293,7 +292,7 @@ def test_many_readers_get_live_data_and_an_end(tmp_path):
 
             thread = threading.Thread(target=rounds)
             thread.start()
-            found = asyncio.run(everybody(base))
+            found = asyncio.run(everybody(server.url))
             stop.set()
             thread.join()
             end = time.monotonic() + 10

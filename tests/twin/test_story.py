@@ -2,184 +2,60 @@
 
 The plant runs verified; friction appears; the service flags drift, closes the gate, names the
 effect, adds it to the model, verifies the controller on the improved model, and opens the gate or
-refuses with evidence; a browser shows it.
+refuses with evidence; a browser shows it. `twinproof demo --live` is the same in real time.
 """
 
-import contextlib
 import json
-import re
 import shutil
 import time
 
 import numpy as np
 import pytest
-from live_server import served
 from scripted import Clock, Silent
 
-import hil.rig
-from fmus.sources import find_source
-from hil.bus.dbc import bundled_dbc
-from hil.scenario import scenario_of
-from hil.settings import parse_toml
-from identification.discovery.extension import extend, parse_addition
-from twin.api import make_app
+from hil.rig import run_scenario
+from hil.scenario import read_scenario
+from twin.api import make_app, served
 from twin.pipeline import Pipeline
 from twin.replay import log_frames
 from twin.service import Service
 from twin.tokens import Tokens
 from twin.verification import verify
+from twinproof.story import StoryFiles, Telling
 
-PLANT = "Twinproof.Plants.Pendulum"
-APPEARS, FRICTION = 30.0, 0.3
-CONTROLLER = """
-kind = "pid"
-measured = ["theta"]
-commanded = ["tau"]
-period = "10 ms"
-proportional = 6.0
-derivative = 0.8
-"""
-REFERENCE = """
-kind = "sines"
-amplitudes = [1.6, 0.9, 0.5]
-frequencies = [0.25, 0.6, 1.1]
-"""
-SCENARIO = f"""
-[plant]
-model = "Worn.mo:Worn"
-[plant.sensors]
-theta = {{sd = 0.01}}
-omega = {{sd = 0.03}}
-[bus]
-dbc = "arm.dbc"
-timeout = 0.1
-[controller]{CONTROLLER}
-[references.theta]{REFERENCE}
-[disturbances.tau]
-kind = "noise"
-sd = 0.02
-bandwidth = 3.0
-[[criteria]]
-kind = "limit"
-signal = "theta"
-low = -6
-high = 6
-[run]
-duration = 75.0
-step = "10 ms"
-"""
-STUDY = f"""
-[plant]
-model = "{PLANT}"
-[controllers.any]{CONTROLLER}
-# Where friction shows: small motions.
-[references.fine.theta]
-kind = "sines"
-amplitudes = [0.05]
-frequencies = [1.5]
-[[criteria]]
-kind = "rms"
-name = "tracking"
-signal = "theta"
-most = {{most}}
-[run]
-duration = 8.0
-step = "10 ms"
-"""
-CONFIG = f"""
-[[twin]]
-name = "arm"
-rate = 100.0
-[twin.plant]
-model = "{PLANT}"
-parameters_from = "fit.json"
-[twin.plant.sensors]
-theta = {{sd = 0.01}}
-omega = {{sd = 0.03}}
-[twin.bus]
-dbc = "arm.dbc"
-[twin.estimator]
-disturbances = {{tau = 0.02}}
-disturbance_time = 0.33
-memory = 10.0
-[twin.drift]
-diagnose = 12.0
-[twin.verification]
-study = "study.toml"
-controller = "pid.toml"
-draws = 20
-settle = 5.0
-"""
-
-
-class WearsOut:
-    """A plant in which friction appears."""
-
-    def __init__(self, plant):
-        self._plant = plant
-        self._time = 0.0
-
-    def set(self, values):
-        worn = {"coulombFriction_joint.tau_c": FRICTION} if self._time >= APPEARS else {}
-        self._plant.set({**values, **worn})
-
-    def step(self, length):
-        self._plant.step(length)
-        self._time += length
-
-    def __getattr__(self, name):
-        return getattr(self._plant, name)
+END = 65.0
 
 
 @pytest.fixture(scope="module")
 def bench(tmp_path_factory):
-    """A folder with what went over the bus, and the settings of a twin."""
+    """What went over the bus, and the files of the story."""
     folder = tmp_path_factory.mktemp("story")
-    source = find_source(PLANT)
-    worn = extend(source, [parse_addition("CoulombFriction@joint,tau_c=0", source)], name="Worn")
-    (folder / "Worn.mo").write_text(worn.source.text)
-    dbc = bundled_dbc(PLANT).read_bytes()
-    (folder / "arm.dbc").write_bytes(re.sub(rb'(CycleTime" BO_ \d+) 1;', rb"\1 10;", dbc))
-    (folder / "pid.toml").write_text(CONTROLLER)
-    sd = {"J": 0.001, "mgl": 0.02, "d": 0.002}
-    values = {"J": 0.185, "mgl": 3.61, "d": 0.006}
-    fit = {"parameters": {n: {"value": v, "sd": sd[n]} for n, v in values.items()}}
-    (folder / "fit.json").write_text(json.dumps(fit))
-    opened = hil.rig.open_plant
-
-    @contextlib.contextmanager
-    def wearing(*args, **options):
-        with opened(*args, **options) as plant:
-            yield WearsOut(plant)
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(hil.rig, "open_plant", wearing)
-        scenario = scenario_of(parse_toml(SCENARIO, folder / "scenario.toml"))
-        hil.rig.run_scenario(scenario, recording=folder / "bus.log")
-    return folder
+    story = StoryFiles.bundled()
+    story.scenario["run"] |= {"clock": "virtual", "duration": END}
+    story.write(folder)
+    recording = folder / "bus.log"
+    run_scenario(read_scenario(folder / "scenario.toml"), recording=recording)
+    return story, recording
 
 
 class Story:
     """The service beside the bus, both on one clock."""
 
-    def __init__(self, folder, most):
-        (folder / "study.toml").write_text(STUDY.format(most=most))
-        path = folder / "config.toml"
-        path.write_text(CONFIG)
-        for file in folder.glob("twin.db*"):
-            file.unlink()
-        whole = list(log_frames(folder / "bus.log"))
+    def __init__(self, recording, folder):
+        whole = list(log_frames(recording))
         self.frames = whole[0].joined(whole)
         self.zero = float(self.frames.nanoseconds[0] * 1e-9)
         self.clock = Clock(self.zero)
+        self.telling = Telling()
         self.service = Service(
-            path,
+            folder / "config.toml",
             lambda twin, start, _: Pipeline(twin, start),
             Silent,
             clock=self.clock,
             steady=self.clock.steady,
             verification=lambda job: verify(job, self.clock, workers=0),
         )
+        self.service.journal.listen(lambda entries: [self.telling.take(e) for e in entries])
         self.service.start(threads=False)
         self.monitor = self.service.monitor("arm")
         self.stamps = (self.frames.nanoseconds * 1e-9 - self.zero).astype(float)
@@ -209,12 +85,15 @@ class Story:
 
 
 @pytest.fixture
-def told(bench, monkeypatch):
+def told(bench, tmp_path, monkeypatch):
+    files, recording = bench
     monkeypatch.setattr("twin.service.apart", lambda _, function, *a, **k: function(*a, **k))
     stories = []
 
     def tell(most):
-        stories.append(Story(bench, most))
+        files.study["criteria"][0]["most"] = most
+        files.write(tmp_path)
+        stories.append(Story(recording, tmp_path))
         return stories[-1]
 
     monkeypatch.setattr(Silent, "waiting", None, raising=False)
@@ -245,27 +124,28 @@ def page():
         browser.close()
 
 
-def test_friction_appears_and_the_controller_is_verified_on_the_improved_model(told, page):
+def test_friction_appears_and_the_controller_is_verified_on_the_improved_model(told, page, bench):
+    appears, friction = bench[0].appears, bench[0].friction
     story = told(most=0.2)
-    with served(make_app(story.service, Tokens())) as (base, _):
-        page.goto(f"{base}/pages/twin?name=arm")
-        (opened,) = story.go_on(APPEARS - 1)
+    with served(make_app(story.service, Tokens())) as server:
+        page.goto(f"{server.url}/pages/twin?name=arm")
+        (opened,) = story.go_on(appears - 1)
         assert opened[0] < 6
         story.service.hub.publish("arm", json.dumps(story.service.view("arm")))
         page.locator("#gate-word").filter(has_text="open").wait_for()
         assert story.events("drift") == []
 
-        ((closed_at, decision),) = story.go_on(APPEARS + 10)
+        ((closed_at, decision),) = story.go_on(appears + 10)
         assert not decision.allowed
         drift_at = story.events("drift")[0][0]
-        assert APPEARS < drift_at <= APPEARS + 5
+        assert appears < drift_at <= appears + 5
         # In the same update: the next look, a tenth of a second, at the latest.
         assert closed_at - drift_at < 0.15
         story.service.hub.publish("arm", json.dumps(story.service.view("arm")))
         page.locator("#gate-word").filter(has_text="closed").wait_for()
         page.locator("#gate-because").filter(has_text="drifted").wait_for()
 
-        ((opened_at, decision),) = story.go_on(75.0)
+        ((opened_at, decision),) = story.go_on(END)
         assert decision.allowed
         _, diagnosis = story.events("diagnosis")[0]
         assert (diagnosis["verdict"], diagnosis["name"]) == ("effect", "CoulombFriction@joint")
@@ -277,11 +157,16 @@ def test_friction_appears_and_the_controller_is_verified_on_the_improved_model(t
             if s["origin"].get("method") == "kalman"
             and s["origin"].get("effect") == "CoulombFriction@joint"
         )
-        assert fitted["coulombFriction_joint.tau_c"] == pytest.approx(FRICTION, rel=0.1)
+        assert fitted["coulombFriction_joint.tau_c"] == pytest.approx(friction, rel=0.1)
         assert fitted["J"] == pytest.approx(0.185, rel=0.05)
         _, evidence = story.monitor.in_force
         assert evidence.detail["runs"] == evidence.detail["passed"] == 20
         assert opened_at - drift_at < 60
+        assert story.telling.ending == "opened"
+        assert not story.telling.awaited
+        times = list(story.telling.chapters.values())
+        assert times == sorted(times)
+        assert times[-1] - story.zero == pytest.approx(opened_at, abs=0.2)
         assert "Worn" not in story.monitor.settings.plant.model
         story.service.hub.publish("arm", json.dumps(story.service.view("arm")))
         page.locator("#gate-word").filter(has_text="open").wait_for()
@@ -291,11 +176,12 @@ def test_friction_appears_and_the_controller_is_verified_on_the_improved_model(t
     assert {a["kind"] for a in chain} >= {"approval", "evidence", "parameters", "model", "study"}
 
 
-def test_a_controller_that_friction_is_too_much_for_is_refused_with_evidence(told):
+def test_a_controller_that_friction_is_too_much_for_is_refused_with_evidence(told, bench):
+    appears = bench[0].appears
     story = told(most=0.017)
-    story.go_on(APPEARS - 1)
+    story.go_on(appears - 1)
     assert story.monitor.decide().allowed, story.monitor.decide().because
-    story.go_on(75.0)
+    story.go_on(END)
     decision = story.monitor.decide()
     assert not decision.allowed
     assert "of 20 runs" in decision.because
@@ -305,3 +191,5 @@ def test_a_controller_that_friction_is_too_much_for_is_refused_with_evidence(tol
     assert "coulombFriction_joint.tau_c" in evidence.names
     assert evidence.detail["worst"][0]["failed"][0]["name"] == "tracking"
     assert story.monitor.in_force[1].passed
+    assert story.telling.ending == "refused"
+    assert "the gate is open again" not in story.telling.chapters

@@ -12,7 +12,6 @@ from pathlib import Path
 import can
 import pytest
 from click.testing import CliRunner
-from live_server import served
 from pendulum_bus import frames, motion
 from scripted import CONTROLLER, STUDY, drift, scripted_service, settle
 
@@ -20,7 +19,7 @@ from foundation.errors import InputError
 from hil.bus.bridge import bridged_terminals
 from hil.bus.interface import BusSettings, open_bus
 from hil.settings import read_toml
-from twin.api import make_app
+from twin.api import make_app, served
 from twin.ingest.buses import BusSource
 from twin.settings import settings_of
 from twin.store import Store
@@ -40,8 +39,8 @@ def answer(result):
 def site(tmp_path):
     with scripted_service(tmp_path) as service:
         settle(service)
-        with served(make_app(service, Tokens())) as (base, server):
-            yield service, base, server
+        with served(make_app(service, Tokens())) as server:
+            yield service, server.url, server
 
 
 def gate(site, controller="pid.toml", name="robot", **env):
@@ -65,7 +64,7 @@ def test_the_gate_s_exit_status_is_its_answer(site):
     assert isinstance(gate(site, "missing.toml").exception, InputError)
     service.monitor("robot").feed([drift(service.clock.now)])
     assert gate(site).return_value == 1
-    server.service_gone()
+    server.end()
     time.sleep(0.3)
     silent = gate(site)
     assert silent.return_value == 1
@@ -112,12 +111,13 @@ def test_a_token_is_shown_where_one_is_needed(tmp_path):
     with scripted_service(tmp_path) as service:
         settle(service)
         app = make_app(service, read_tokens(tmp_path / "tokens.toml"))
-        with served(app) as (base, _):
-            refused = run("twin", "status", "--url", base)
+        with served(app) as server:
+            url = server.url
+            refused = run("twin", "status", "--url", url)
             assert "show a token" in str(refused.exception)
-            assert run("twin", "status", "--url", base, TWINPROOF_TOKEN=secret).return_value == 0
+            assert run("twin", "status", "--url", url, TWINPROOF_TOKEN=secret).return_value == 0
             (tmp_path / "secret").write_text(secret + "\n")
-            words = ("twin", "status", "--url", base, "--token-file", tmp_path / "secret")
+            words = ("twin", "status", "--url", url, "--token-file", tmp_path / "secret")
             assert run(*words).return_value == 0
 
 

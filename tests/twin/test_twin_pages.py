@@ -4,11 +4,10 @@ import shutil
 import threading
 
 import pytest
-from live_server import served
 from scripted import drift, scripted_service, settle
 
 from tests.accessibility import barriers
-from twin.api import make_app
+from twin.api import make_app, served
 from twin.tokens import Tokens, add_token, read_tokens
 
 PHONE = {"width": 390, "height": 844}
@@ -59,8 +58,8 @@ class Rounds:
 def site(tmp_path):
     with scripted_service(tmp_path, ("robot", "crane")) as service:
         settle(service)
-        with served(make_app(service, Tokens())) as (base, server), Rounds(service) as rounds:
-            yield base, service, rounds, server
+        with served(make_app(service, Tokens())) as server, Rounds(service) as rounds:
+            yield server.url, service, rounds, server
 
 
 @pytest.fixture
@@ -107,7 +106,7 @@ def test_a_service_that_is_gone_is_not_shown_as_open(page, site):
     base, _, _, server = site
     page.goto(f"{base}/pages/twin?name=robot")
     wait_for_text(page, "#gate-word", "open")
-    server.service_gone()
+    server.end()
     wait_for_text(page, "#gate-word", "unknown")
     wait_for_text(page, "#connection", "no connection")
 
@@ -158,14 +157,14 @@ def test_a_token_is_asked_for_where_one_is_needed(page, tmp_path):
     with scripted_service(tmp_path) as service:
         settle(service)
         app = make_app(service, read_tokens(tmp_path / "tokens.toml"))
-        with served(app) as (base, _), Rounds(service):
-            page.goto(f"{base}/pages/twin?name=robot")
+        with served(app) as server, Rounds(service):
+            page.goto(f"{server.url}/pages/twin?name=robot")
             page.locator("#token input").fill("guess")
             page.locator("#token button").click()
             page.locator("#token input").fill(secret)
             page.locator("#token button").click()
             wait_for_text(page, "#gate-word", "open")
-            page.goto(base)
+            page.goto(server.url)
             wait_for_text(page, "[data-twin=robot] .word", "open")
 
 

@@ -5,10 +5,14 @@ from __future__ import annotations
 import logging
 import signal
 import threading
+import time
+from collections.abc import Generator
+from contextlib import contextmanager
 from types import FrameType
 from typing import Any
 
 import uvicorn
+from fastapi import FastAPI
 
 from foundation.errors import InputError, TwinproofError
 from twin.api.app import make_app
@@ -38,18 +42,63 @@ def tokens_of(settings: Settings) -> Tokens:
     return tokens
 
 
-class _Server(uvicorn.Server):
+class Server(uvicorn.Server):
     """Ends live streams first: a server waits for its readers."""
 
     def __init__(self, config: uvicorn.Config, service: Service) -> None:
         super().__init__(config)
         self._service = service
 
-    def handle_exit(self, sig: int, frame: FrameType | None) -> None:  # noqa: ARG002 - uvicorn's
+    @property
+    def url(self) -> str:
+        """Where it listens, once it has started."""
+        host, port = self.servers[0].sockets[0].getsockname()[:2]
+        return f"http://{host}:{port}"
+
+    def end(self) -> None:
+        """End all streams, and take no more."""
         self._service.hub.close()
+        self.should_exit = True
+
+    def handle_exit(self, sig: int, frame: FrameType | None) -> None:  # noqa: ARG002 - uvicorn's
+        """End when told to by a signal, at once if told twice."""
         # Not as uvicorn does it: that raises the signal again when it has ended, before we have.
         self.force_exit = self.should_exit and sig == signal.SIGINT
-        self.should_exit = True
+        self.end()
+
+
+def _server(app: FastAPI, host: str, port: int) -> Server:
+    config = uvicorn.Config(
+        app,
+        host,
+        port,
+        log_config=None,
+        access_log=False,
+        # A service begins and ends with its command, not with its server.
+        lifespan="off",
+        timeout_graceful_shutdown=_FAREWELL,
+        server_header=False,
+    )
+    return Server(config, app.state.service)
+
+
+@contextmanager
+def served(app: FastAPI) -> Generator[Server]:
+    """Serve an API beside something else: in a thread, to this machine, on a free port.
+
+    Args:
+        app: Of a service that has been started.
+    """
+    server = _server(app, "127.0.0.1", 0)
+    thread = threading.Thread(target=server.run, name="server", daemon=True)
+    thread.start()
+    while not server.started and thread.is_alive():
+        time.sleep(0.01)
+    try:
+        yield server
+    finally:
+        server.end()
+        thread.join()
 
 
 def serve(service: Service) -> None:
@@ -60,16 +109,7 @@ def serve(service: Service) -> None:
     """
     app = make_app(service, tokens_of(service.settings))
     host, port = service.settings.service.address
-    config = uvicorn.Config(
-        app,
-        host,
-        port,
-        log_config=None,
-        access_log=False,
-        timeout_graceful_shutdown=_FAREWELL,
-        server_header=False,
-    )
-    server = _Server(config, service)
+    server = _server(app, host, port)
     if hasattr(signal, "SIGHUP") and threading.current_thread() is threading.main_thread():
 
         def reload(_signal: int, _frame: FrameType | None) -> None:
@@ -77,7 +117,7 @@ def serve(service: Service) -> None:
 
         signal.signal(signal.SIGHUP, reload)
     try:
-        socket = config.bind_socket()
+        socket = server.config.bind_socket()
     except SystemExit as error:
         raise InputError(
             f"{host}:{port} cannot be listened at: it is taken, or not of this machine",
