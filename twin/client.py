@@ -6,12 +6,18 @@ import json
 import urllib.error
 import urllib.parse
 import urllib.request
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from foundation.errors import InputError
 
 _PATIENCE = 10.0
+_REMEDIES = {
+    401: "give a file with one: --token-file, or set TWINPROOF_TOKEN",
+    403: "`twinproof twin token NAME --scope SCOPE` makes a token; the service's settings name "
+    "their file: service.tokens",
+}
 
 
 class ServiceSilentError(InputError):
@@ -36,18 +42,31 @@ class Client:
         return urllib.parse.quote(name, safe="")
 
     def get(self, path: str) -> dict[str, Any]:
-        """Return what the service answers.
+        """Return what the service answers; errors as `post`."""
+        return self._ask(path, None)
+
+    def post(self, path: str, body: Mapping[str, Any] | None = None) -> dict[str, Any]:
+        """Have the service do something, and return what it answers.
+
+        Args:
+            path: Of the API.
+            body: Of the request, as JSON.
 
         Raises:
             ServiceSilentError: It does not answer, or not as the service does.
             InputError: It refuses: no such twin, no token, ….
         """
+        return self._ask(path, json.dumps(body or {}).encode())
+
+    def _ask(self, path: str, body: bytes | None) -> dict[str, Any]:
         if not self.url.startswith(("http://", "https://")):
             raise InputError(
                 f"'{self.url}' is no address", where="--url", remedy="write http://127.0.0.1:8460"
             )
         headers = {"Authorization": f"Bearer {self.token}"} if self.token else {}
-        request = urllib.request.Request(f"{self.url.rstrip('/')}{path}", headers=headers)
+        if body is not None:
+            headers["Content-Type"] = "application/json"
+        request = urllib.request.Request(f"{self.url.rstrip('/')}{path}", body, headers)
         remedy = "start it with `twinproof twin serve`, or correct --url"
         try:
             with urllib.request.urlopen(request, timeout=_PATIENCE) as answer:
@@ -59,9 +78,8 @@ class Client:
                 raise ServiceSilentError(
                     f"the service fails: {said or error.reason}", where=self.url, remedy=remedy
                 ) from error
-            raise InputError(
-                said, where=self.url, remedy="correct the request, or show another token"
-            ) from error
+            # What the service says of a request has its own remedy.
+            raise InputError(said, where=self.url, remedy=_REMEDIES.get(error.code, "")) from error
         except (OSError, ValueError) as error:
             reason = getattr(error, "reason", None) or error
             raise ServiceSilentError(

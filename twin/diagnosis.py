@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 
-from foundation.errors import TwinproofError
+from foundation.errors import DivergenceError, TwinproofError
 from identification.discovery.drift import MOVED, Change, Moved, missing_or_drifted
 from identification.discovery.extension import Addition, extend
 from identification.discovery.innovation_scan import second_opinion
@@ -65,11 +66,14 @@ def diagnose(since: Excerpt, sd: Mapping[str, float]) -> Finding:
         sd: Free parameter → standard deviation of the verified value; 0: that is not known.
     """
     known = {n: Prior(since.values[n], sd[n] or LOOSE * abs(since.values[n])) for n in since.free}
+    disturbance = ""
     try:
-        opinion = second_opinion(extend(since.source, []), since.problem(), since.values)
-        best = opinion.best
-        if best is not None:
-            return _effect(best.addition, best.evidence, opinion.disturbance)
+        # A filter may lose a plant that is far from what was verified.
+        with suppress(DivergenceError):
+            opinion = second_opinion(extend(since.source, []), since.problem(), since.values)
+            best, disturbance = opinion.best, opinion.disturbance
+            if best is not None:
+                return _effect(best.addition, best.evidence, disturbance)
         found = missing_or_drifted(since.source, since.problem(whole=True), known)
     except TwinproofError as error:
         return Finding("undetermined", because=str(error))
@@ -78,18 +82,18 @@ def diagnose(since: Excerpt, sd: Mapping[str, float]) -> Finding:
         return _effect(chosen.addition, found.over_moved, "")
     if found.change is Change.MISSING:
         because = "no effect of the library explains what is left"
-        return Finding("undetermined", disturbance=opinion.disturbance, because=because)
+        return Finding("undetermined", disturbance=disturbance, because=because)
     alone = next((m for m in found.moved if len(m.values) == 1), None)
     # All parameters together always explain a little more than the one that moved.
     most = _NEARLY_ALL * found.moved[0].evidence if found.moved else 0.0
     if alone is not None and alone.deviations > MOVED and alone.evidence > most:
         value = _now(alone)
-        return Finding("parameter", next(iter(value)), value, 0.0, opinion.disturbance)
+        return Finding("parameter", next(iter(value)), value, 0.0, disturbance)
     moved = _now(found.moved[0]) if found.change is not Change.NOTHING else {}
     because = (
         "several parameters moved" if moved else "the data show no moved parameter, and no effect"
     )
-    return Finding("undetermined", "", moved, 0.0, opinion.disturbance, because)
+    return Finding("undetermined", "", moved, 0.0, disturbance, because)
 
 
 def _now(moved: Moved) -> dict[str, float]:

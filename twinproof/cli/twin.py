@@ -10,7 +10,7 @@ from typing import Any
 import click
 from rich.table import Table
 
-from foundation.errors import InputError
+from foundation.errors import InputError, UnknownNameError
 from twin.client import Client, ServiceSilentError
 from twinproof.cli.options import Output, json_option, modelica_path_option
 from twinproof.cli.twin_jetstream import gateway_command, worker_command
@@ -163,6 +163,81 @@ def gate(
     return 0 if found["allowed"] is True else 1
 
 
+_twin_option = click.option("--twin", "name", required=True, metavar="NAME", help="Which twin.")
+
+
+@twin.command("approve")
+@_twin_option
+@click.option(
+    "--parameters",
+    "wanted",
+    metavar="ID",
+    help="Beginning of the set's id; default: the newest that waits for approval.",
+)
+@_url_option
+@_token_option
+@json_option
+def approve(
+    name: str, wanted: str | None, url: str, token_file: Path | None, json_path: str | None
+) -> int:
+    """Put parameters that passed their verification into force, in your token's name.
+
+    For twins with `approval = "token"`. The token needs the scopes read and approve.
+
+    \b
+    Example:
+      twinproof twin approve --twin robot --token-file maria.token
+    """
+    client = _client(url, token_file)
+    path = f"/twins/{client.quoted(name)}"
+    waiting = [
+        found["id"]
+        for found in client.get(f"{path}/parameters")["sets"]
+        if found["state"] == "candidate" and found["evidence"] is not None
+    ]
+    if not waiting:
+        raise InputError(
+            "no parameters wait for approval",
+            where=name,
+            remedy=f"see what the twin does: `twinproof twin status --twin {name}`",
+        )
+    chosen = next((found for found in waiting if found.startswith(wanted or "")), None)
+    if chosen is None:
+        raise UnknownNameError("parameter set that waits", str(wanted), waiting, where=name)
+    done = client.post(f"{path}/approve", {"parameters": chosen})
+    shown = client.get(path)["gate"]
+    output = Output(json_path)
+    output.console.print(f"{name}: parameters {chosen[:12]} are in force; {_sentence(shown)}")
+    output.document(document("twin-approve", {**done, "gate": shown}))
+    return 0
+
+
+@twin.command("rollback")
+@_twin_option
+@_url_option
+@_token_option
+@json_option
+def rollback(name: str, url: str, token_file: Path | None, json_path: str | None) -> int:
+    """Put the parameters that were in force before into force again, in your token's name.
+
+    The gate stays closed until the plant is verified anew. The token needs the scopes read and
+    approve.
+
+    \b
+    Example:
+      twinproof twin rollback --twin robot --token-file maria.token
+    """
+    client = _client(url, token_file)
+    path = f"/twins/{client.quoted(name)}"
+    done = client.post(f"{path}/rollback")
+    to = next(e["detail"]["parameters"] for e in done["events"] if e["kind"] == "rolled_back")
+    shown = client.get(path)["gate"]
+    output = Output(json_path)
+    output.console.print(f"{name}: parameters {to[:12]} are in force again; {_sentence(shown)}")
+    output.document(document("twin-rollback", {**done, "gate": shown}))
+    return 0
+
+
 @twin.command("audit")
 @_CONFIG
 @json_option
@@ -288,6 +363,10 @@ def _closed(because: str) -> dict[str, Any]:
 
 def _word(gate: dict[str, Any]) -> str:
     return "open" if gate["allowed"] is True else "closed"
+
+
+def _sentence(gate: dict[str, Any]) -> str:
+    return f"the gate is {_word(gate)}: {gate['because']}"
 
 
 def _number(value: float | None) -> str:
