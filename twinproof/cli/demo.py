@@ -72,7 +72,7 @@ def demo(output_dir: Path, live: bool, json_path: str | None) -> None:
 
 
 def _live(folder: Path, output: Output) -> None:
-    from twinproof.story import tell_live  # noqa: PLC0415 - a web server is slow to import
+    from twinproof.story import tell_live  # a web server is slow to import
 
     output.note("an arm with its controller, and a twin of it; friction appears after 20 s")
 
