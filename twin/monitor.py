@@ -176,8 +176,9 @@ class Monitor:
 
     @property
     def verifying(self) -> bool:
-        """Whether a verification is under way."""
-        return self._busy
+        """Whether a verification is under way, its result not in the store yet."""
+        with self.lock:
+            return self._busy
 
     # What comes from the plant
 
