@@ -214,11 +214,15 @@ class Service(Closing):
         with self._lock:
             settings, prints = self._read()
             now = self.settings
-            if (settings.service, settings.stream) != (now.service, now.stream):
+            keys = [
+                *_differences("service", now.service, settings.service),
+                *_differences("jetstream", now.stream, settings.stream),
+            ]
+            if keys:
                 raise InputError(
-                    "[service] or [jetstream] has changed",
+                    f"what a reload cannot change has changed: {', '.join(keys)}",
                     where=str(self._path),
-                    remedy="restart the service: a reload is for twins",
+                    remedy="restart the service, or put it back: a reload is for twins",
                 )
             before = self._fingerprints
             changed = {n for n in before.keys() & prints.keys() if prints[n] != before[n]}
@@ -443,6 +447,12 @@ def _fingerprint(table: Table, twin: TwinSettings) -> str:
     if fit is not None:
         digest.update(canonical(dict(fit.values)).encode() + fit.covariance.tobytes())
     return digest.hexdigest()
+
+
+def _differences(table: str, before: object, after: object) -> list[str]:
+    """Return the keys of a table that are not what they were."""
+    old, new = vars(before), vars(after)
+    return [f"{table}.{key}" for key in new if new[key] != old[key]]
 
 
 def _recorded(path: Path, size: int) -> Recorded:

@@ -196,13 +196,13 @@ class Silent:
 
 
 def scripted_service(
-    folder, names=("robot",), *, verification=None, clock=None, approval="automatic", **options
+    folder, names=("robot",), *, verification=None, clock=None, settings="", **options
 ):
     """Return a service of scripted twins that does nothing by itself."""
     from twin.service import Service
 
     clock = clock or Clock()
-    path = write_config(folder, names, verification=f'approval = "{approval}"', **options)
+    path = write_config(folder, names, verification=settings, **options)
     judge = verification or (lambda job: evidence_for(job, clock.now))
     service = Service(path, Script, Silent, clock=clock, steady=clock.steady, verification=judge)
     service.start(threads=False)

@@ -11,6 +11,8 @@ from twin.api import make_app, served
 from twin.tokens import Tokens, add_token, read_tokens
 from twinproof.cli import command
 
+TOKEN = 'approval = "token"'
+
 
 @pytest.fixture
 def site(tmp_path):
@@ -20,7 +22,7 @@ def site(tmp_path):
         "maria": add_token(file, "maria", ["read", "approve"]),
         "eyes": add_token(file, "eyes", ["read"]),
     }
-    with scripted_service(tmp_path, approval="token") as service:
+    with scripted_service(tmp_path, settings=TOKEN) as service:
         wait_for_verification(service)
         with served(make_app(service, read_tokens(file))) as server:
             yield service, server.url, secrets
@@ -82,7 +84,7 @@ def test_who_may_not_is_told_how_to(site, words):
 
 
 def test_without_tokens_nobody_approves(tmp_path):
-    with scripted_service(tmp_path, approval="token") as service:
+    with scripted_service(tmp_path, settings=TOKEN) as service:
         wait_for_verification(service)
         with served(make_app(service, Tokens())) as server:
             refused = say((service, server.url, {}), "approve", "--twin", "robot")

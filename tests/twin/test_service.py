@@ -127,8 +127,17 @@ def test_reload_begins_ends_and_renews_only_what_changed(service, tmp_path):
     with pytest.raises(InputError):
         service.reload()
     write_config(tmp_path, ("robot", "mill"), service='recordings = "elsewhere"')
-    with pytest.raises(InputError, match="restart"):
+    with pytest.raises(InputError, match="restart") as refused:
         service.reload()
+    assert refused.value.what.endswith("has changed: service.recordings")
+    config.write_text(
+        config.read_text().replace("sqlite:///twin.db", "sqlite:///new.db")
+        + '[jetstream]\nurl = "nats://127.0.0.1:4222"\n'
+    )
+    with pytest.raises(InputError) as refused:
+        service.reload()
+    said = refused.value.what.partition("has changed: ")[2]
+    assert said == "service.store, service.recordings, jetstream.url"
     assert service.monitors == after
 
 
