@@ -55,6 +55,38 @@ class HilResult:
         faults: (kind, how often it happened) of each.
         safe: Spans in which the plant was in its safe state [s].
         recording: What went over the bus.
+
+    Example:
+        >>> import tempfile
+        >>> from hil.scenario import read_scenario
+        >>> text = '''
+        ... [plant]
+        ... model = "Twinproof.Plants.Pendulum"
+        ... [controller]
+        ... kind = "pid"
+        ... measured = ["theta"]
+        ... commanded = ["tau"]
+        ... period = "5 ms"
+        ... proportional = 6.0
+        ... derivative = 0.8
+        ... [references.theta]
+        ... kind = "step"
+        ... at = 0.1
+        ... after = "10 deg"
+        ... [[criteria]]
+        ... kind = "limit"
+        ... signal = "theta"
+        ... high = "15 deg"
+        ... [run]
+        ... duration = 1.0
+        ... step = "1 ms"
+        ... '''
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = Path(folder) / "step.toml"
+        ...     _ = path.write_text(text)
+        ...     result = run_scenario(read_scenario(path))
+        >>> result.passed, result.loop.missed
+        (True, 0)
     """
 
     scenario: Scenario

@@ -131,6 +131,27 @@ class Scenario:
         disturbances: By input.
         faults, criteria: As the file says.
         recording: File for what went over the bus.
+
+    Example:
+        >>> import tempfile
+        >>> text = '''
+        ... [plant]
+        ... model = "Twinproof.Plants.Pendulum"
+        ... [controller]
+        ... kind = "pid"
+        ... measured = ["theta"]
+        ... commanded = ["tau"]
+        ... period = "5 ms"
+        ... proportional = 6.0
+        ... [run]
+        ... duration = 1.0
+        ... '''
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = Path(folder) / "hold.toml"
+        ...     _ = path.write_text(text)
+        ...     scenario = read_scenario(path)
+        >>> scenario.name, scenario.run.duration, scenario.recording.name
+        ('hold', 1.0, 'hold.blf')
     """
 
     name: str

@@ -185,6 +185,40 @@ class Study:
         criteria, margin_limits, run: As the file says.
         operating_point: For the margins.
         key: Changes with everything that matters for results.
+
+    Example:
+        >>> import tempfile
+        >>> text = '''
+        ... [plant]
+        ... model = "Twinproof.Plants.Pendulum"
+        ... [plants]
+        ... draws = 3
+        ... [plants.ranges]
+        ... mgl = [3.0, 4.5]
+        ... [controllers.stiff]
+        ... kind = "pid"
+        ... measured = ["theta"]
+        ... commanded = ["tau"]
+        ... period = "5 ms"
+        ... proportional = 20.0
+        ... [references.still]
+        ... [[criteria]]
+        ... kind = "limit"
+        ... signal = "theta"
+        ... high = "10 deg"
+        ... [run]
+        ... duration = 1.0
+        ... '''
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = Path(folder) / "still.toml"
+        ...     _ = path.write_text(text)
+        ...     study = read_study(path)
+        >>> [case.number for case in study.cases()]
+        [0, 1, 2]
+        >>> 3.0 <= study.parameters(draw=1)["mgl"] <= 4.5
+        True
+        >>> type(study.make_controller("stiff")).__name__
+        'PID'
     """
 
     name: str

@@ -80,6 +80,56 @@ class StudyResult:
         runs: All of them, by number.
         resumed: How many were there from before.
         seconds: That the others took.
+
+    Example:
+        >>> import tempfile
+        >>> from pathlib import Path
+        >>> from hil.study import read_study
+        >>> from hil.whatif import run_study
+        >>> text = '''
+        ... [plant]
+        ... model = "Twinproof.Plants.Pendulum"
+        ... [plants]
+        ... draws = 3
+        ... [plants.ranges]
+        ... mgl = [3.0, 4.5]
+        ... [controllers.stiff]
+        ... kind = "pid"
+        ... measured = ["theta"]
+        ... commanded = ["tau"]
+        ... period = "5 ms"
+        ... proportional = 20.0
+        ... derivative = 1.0
+        ... [controllers.none]
+        ... kind = "pid"
+        ... measured = ["theta"]
+        ... commanded = ["tau"]
+        ... period = "5 ms"
+        ... proportional = 0.0
+        ... [references.up.theta]
+        ... kind = "step"
+        ... at = 0.0
+        ... after = "20 deg"
+        ... [[criteria]]
+        ... kind = "rms"
+        ... signal = "theta"
+        ... most = "10 deg"
+        ... [run]
+        ... duration = 1.0
+        ... step = "1 ms"
+        ... '''
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = Path(folder) / "lift.toml"
+        ...     _ = path.write_text(text)
+        ...     result = run_study(read_study(path), workers=0)
+        >>> len(result.runs), result.passed
+        (6, False)
+        >>> result.rate("stiff").passed, result.rate("none").passed
+        (3, 0)
+        >>> [run.case.controller for run in result.worst(1)]
+        ['none']
+        >>> result.pairs()[0].only_first
+        3
     """
 
     study: Study

@@ -145,6 +145,11 @@ class Recording:
 
         Raises:
             TimeError: Fewer than two samples lie there.
+
+        Example:
+            >>> time = np.arange(5.0)
+            >>> Recording(time, {"x": Channel("x", time**2)}).between(1.0, 3.0)["x"].values.tolist()
+            [1.0, 4.0, 9.0]
         """
         first = int(np.searchsorted(self.time, start, side="left"))
         last = int(np.searchsorted(self.time, stop, side="right"))
@@ -180,6 +185,12 @@ class Recording:
 
         Raises:
             ChannelError: There is none of that name.
+
+        Example:
+            >>> time = np.arange(3.0)
+            >>> run = Recording(time, {name: Channel(name, time) for name in "abc"})
+            >>> list(run.select(["c", "a"]).channels)
+            ['c', 'a']
         """
         chosen = {name: self[name] for name in names}
         return replace(self, channels=chosen, raw=self.raw and self.raw.select(chosen))
@@ -192,12 +203,23 @@ class Recording:
 
         Raises:
             ChannelError: There is no such channel, or the numbers do not fit.
+
+        Example:
+            >>> run = Recording(np.arange(3.0), {"x": Channel("x", np.ones(3), "m")})
+            >>> run.replace_values({"x": run["x"].values - 1.0})["x"].values.tolist()
+            [0.0, 0.0, 0.0]
         """
         new = {n: replace(self[n], values=np.asarray(v, np.float64)) for n, v in values.items()}
         return replace(self, channels={**self.channels, **new}, raw=None)
 
     def with_notes(self, *notes: str) -> Recording:
-        """Return the recording with further notes."""
+        """Return the recording with further notes.
+
+        Example:
+            >>> run = Recording(np.arange(2.0), {})
+            >>> run.with_notes("the motor was warm").notes
+            ('the motor was warm',)
+        """
         return replace(self, notes=(*self.notes, *notes))
 
     def uniform(self) -> Recording:
@@ -235,12 +257,24 @@ class Recording:
         return self._resampled(grid, values).with_notes(note)
 
     def to_frame(self) -> pd.DataFrame:
-        """Return the values as a table: one column a channel, `time` in s as the index."""
+        """Return the values as a table: one column a channel, `time` in s as the index.
+
+        Example:
+            >>> run = Recording(np.array([0.0, 0.5]), {"v": Channel("v", np.array([1.0, 3.0]))})
+            >>> run.to_frame()["v"].loc[0.5]
+            np.float64(3.0)
+        """
         columns = {name: channel.values for name, channel in self.channels.items()}
         return pd.DataFrame(columns, index=pd.Index(self.time, name="time"))
 
     def plot(self) -> Figure:
-        """Return the channels over time as a Matplotlib figure."""
+        """Return the channels over time as a Matplotlib figure.
+
+        Example:
+            >>> run = Recording(np.arange(3.0), {"v": Channel("v", np.ones(3), "m/s")})
+            >>> run.plot().axes[0].get_ylabel()
+            'v [m/s]'
+        """
         from matplotlib.figure import Figure  # noqa: PLC0415 - takes its time
 
         figure = Figure(figsize=(9.0, 1.3 * len(self.channels) + 0.5), layout="constrained")

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from twinproof.answers import Compared, Diagnosed, Identified, Improved
     from twinproof.api import compare, diagnose, extend, identify, improve, read_recording
     from twinproof.model import Model
+    from twinproof.pendulum_example import example
 
 __all__ = [
     "Channel",
@@ -53,6 +54,7 @@ __all__ = [
     "calibration",
     "compare",
     "diagnose",
+    "example",
     "extend",
     "identify",
     "improve",
@@ -90,6 +92,7 @@ _HOME = {
     "calibration": "identification.calibration",
     "compare": "twinproof.api",
     "diagnose": "twinproof.api",
+    "example": "twinproof.pendulum_example",
     "extend": "twinproof.api",
     "identify": "twinproof.api",
     "improve": "twinproof.api",

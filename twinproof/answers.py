@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from foundation.errors import UnsupportedModelError
 from identification.comparison import Comparison
 from identification.discovery.diagnosis import Diagnosis
 from identification.discovery.drift import Drift
@@ -30,6 +29,20 @@ class Compared:
         problem: Model and record, matched.
         comparison: Errors, and where the model fails.
         horizon: Window length [s]; None for the free simulation.
+
+    Example:
+        >>> import twinproof
+        >>> model, record, _ = twinproof.example()
+        >>> compared = twinproof.compare(model, record)
+        >>> print(f"{100 * compared.comparison.nrmse:.0f} %")
+        36 %
+        >>> compared.to_frame()["theta"].round(3).head(2)
+              measured  simulated  error
+        time
+        0.00     0.199      0.196  0.003
+        0.01     0.201      0.196  0.004
+        >>> [picture.caption.partition(".")[0] for picture in compared.plot().pictures]
+        ['Left the whole record, right the shaded span', 'Measured minus simulated']
     """
 
     problem: Problem
@@ -107,6 +120,19 @@ class Identified(_FirstRecord):
     Attributes:
         estimate: The fitted parameters.
         records: Every record fitted, in the order given.
+
+    Example:
+        >>> import twinproof
+        >>> model, record, _ = twinproof.example()
+        >>> fitted = twinproof.identify(model, record)
+        >>> fitted.to_frame()[["value", "unit"]].astype({"value": float}).round(2)
+                   value       unit
+        parameter
+        J           0.19      kg.m2
+        mgl         3.64        N.m
+        d           0.07  N.m.s/rad
+        >>> len(fitted.plot().pictures)
+        2
     """
 
     estimate: Estimate
@@ -141,6 +167,18 @@ class Diagnosed(_FirstRecord):
         diagnosis: What is missing.
         records: Every record fitted, in the order given.
         drift: Whether verified parameters moved; None if none were given.
+
+    Example:
+        >>> import twinproof
+        >>> model, record, _ = twinproof.example()
+        >>> found = twinproof.diagnose(model, record)
+        >>> found.diagnosis.outcome.value
+        'effect'
+        >>> best = found.to_frame().iloc[0]
+        >>> print(f"{best.effect} at {best.place} explains {100 * best.explains:.0f} %")
+        CoulombFriction at joint explains 99 %
+        >>> found.plot().pictures[0].caption.partition(":")[0]
+        'Each dot'
     """
 
     diagnosis: Diagnosis
@@ -183,6 +221,18 @@ class Improved:
         holdout: The unseen record.
         improvement: The ladder.
         also: Where the further fitted records come from.
+
+    Example:
+        >>> import twinproof
+        >>> model, record, unseen = twinproof.example()
+        >>> improved = twinproof.improve(model, record, unseen, max_effects=1)
+        >>> improved.to_frame()["added"].tolist()
+        ['', 'CoulombFriction@joint']
+        >>> bool(improved.to_frame()["unseen"].iloc[-1] < 0.01)
+        True
+        >>> better = twinproof.compare(improved.model, unseen)
+        >>> len(improved.plot().pictures)
+        2
     """
 
     problem: Problem
@@ -197,14 +247,7 @@ class Improved:
         Raises:
             UnsupportedModelError: It is a foreign FMU in a system (`results.write_improvement`).
         """
-        last = self.improvement.steps[-1].model
-        if last.base.fmu is not None:
-            raise UnsupportedModelError(
-                "a foreign FMU with effects around it is a system, not a model",
-                where=last.name,
-                remedy="write it as SSP with `twinproof improve -o DIR`",
-            )
-        return Model(last.name, modelica=last.source)
+        return Model.of(self.improvement.steps[-1].model)
 
     def to_frame(self) -> pd.DataFrame:
         """Return the ladder: what each step added, and its errors as shares of the deviation."""

@@ -51,6 +51,16 @@ def read_recording(
 
     Raises:
         RecordingError: The data are not there, damaged, or do not fit the model.
+
+    Example:
+        >>> import tempfile
+        >>> from twinproof.pendulum_example import example
+        >>> model, record, _ = example()
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     record.to_frame().to_csv(f"{folder}/swing.csv")
+        ...     read = read_recording(f"{folder}/swing.csv", model)
+        >>> read["theta"].unit, len(read)
+        ('rad', 400)
     """
     return load_recording(
         data,
@@ -287,6 +297,14 @@ def extend(model: Model, additions: Collection[str], *, name: str | None = None)
     Raises:
         UnknownNameError: No such effect, place or parameter.
         ModelicaError: The result does not compile.
+
+    Example:
+        >>> model = Model.of("Twinproof.Plants.Pendulum")
+        >>> better = extend(model, ["CoulombFriction@joint,tau_c=0.15"], name="Worn")
+        >>> print(better.class_text.splitlines()[2])
+          Twinproof.Effects.Rotational.CoulombFriction coulombFriction_joint(tau_c = 0.15)
+        >>> Model.of(better).dae.parameter_values["coulombFriction_joint.tau_c"]
+        0.15
     """
     if not additions:
         raise InputError(

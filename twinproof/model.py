@@ -15,6 +15,7 @@ from fmus.in_series import around
 from fmus.places import Place, places
 from fmus.sources import ModelicaSource, check_libraries, find_source
 from foundation.errors import UnsupportedModelError
+from identification.discovery.extension import ExtendedModel
 
 
 @dataclass(frozen=True)
@@ -39,19 +40,32 @@ class Model:
     roots: tuple[Path, ...] = ()
 
     @classmethod
-    def of(cls, word: str, modelica_path: Sequence[Path] = ()) -> Model:
+    def of(cls, word: str | ExtendedModel, modelica_path: Sequence[Path] = ()) -> Model:
         """Find a model.
 
         Args:
             word: `file.mo:Class.Name`, a class of a library, as `Twinproof.Plants.Positioner`, or
-                `file.fmu`.
+                `file.fmu`; or what `extend` returned.
             modelica_path: Folders of further libraries.
 
         Raises:
             ModelicaError: There is no such file.
             InputError: A folder of libraries holds none; see `fmus.sources.check_libraries`.
-            UnsupportedModelError: A system of several FMUs is given, which can only be simulated.
+            UnsupportedModelError: A system of several FMUs is given, which can only be simulated; a
+                foreign FMU that was extended is one.
+
+        Example:
+            >>> Model.of("Twinproof.Plants.Pendulum").variables
+            {'tau': 'N.m', 'theta': 'rad', 'omega': 'rad/s'}
         """
+        if isinstance(word, ExtendedModel):
+            if word.base.fmu is not None:
+                raise UnsupportedModelError(
+                    "a foreign FMU with effects around it is a system, not a model",
+                    where=word.name,
+                    remedy="write it as SSP with `twinproof improve -o DIR`",
+                )
+            return cls(word.name, modelica=word.source)
         if word.endswith(".ssp"):
             raise UnsupportedModelError(
                 "a system of FMUs can only be simulated",

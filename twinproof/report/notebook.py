@@ -57,6 +57,12 @@ class Plot:
         Raises:
             InputError: It ends in something else.
             OSError: It cannot be written.
+
+        Example:
+            >>> import tempfile, twinproof
+            >>> model, record, _ = twinproof.example()
+            >>> with tempfile.TemporaryDirectory() as folder:
+            ...     twinproof.compare(model, record).plot().save(f"{folder}/curves.svg")
         """
         target = Path(path)
         if target.suffix.lower() != ".svg":

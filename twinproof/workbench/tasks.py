@@ -131,7 +131,7 @@ def propose(project: Project, arguments: Mapping[str, str], progress: Progress) 
     progress("fitting the model as it is")
     before = api.identify(present, records, horizon=choices.horizon)
     progress(f"fitting it with {text.partition(',')[0]}")
-    with_effect = Model(name, modelica=extended.source)
+    with_effect = Model.of(extended)
     after = api.identify(with_effect, records, horizon=before.horizon)
     short: tuple[Comparison, Comparison] | None = None
     if after.horizon is None:
