@@ -328,7 +328,7 @@ def bad_inputs(folder: Path) -> dict[str, tuple[list[object], str]]:
             r"hold-out",
         ),
         "FMU where equations are needed": (
-            ["extend", "a.fmu", "--add", "x@y", "-o", "b.mo"],
+            ["export", "a.fmu", "-o", "b.fmu"],
             r"Modelica",
         ),
         "missing FMU": (["check", folder / "none.fmu"], r"none\.fmu"),

@@ -27,7 +27,10 @@ _COMMANDS = {
     "compare": _Home("journey", "How well MODEL explains DATA, and where it fails."),
     "identify": _Home("journey", "Fit MODEL's parameters to DATA, with standard deviations."),
     "diagnose": _Home("journey", "Fit MODEL to DATA and find which physical effect it lacks."),
-    "extend": _Home("journey", "Write the Modelica class that has effects added to MODEL."),
+    "extend": _Home(
+        "journey",
+        "Write the Modelica class that has effects added to MODEL, or the system around an FMU.",
+    ),
     "improve": _Home(
         "journey",
         "Compare, diagnose, add, refit, step by step; score on unseen data once at the end.",
