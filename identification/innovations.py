@@ -18,6 +18,8 @@ import numpy as np
 from fmus.compiler import shared_library
 from fmus.dae import Dae, Role, Variable
 from fmus.expressions import Expression, Literal, Operation, Symbol, substitute
+from foundation.errors import UnsupportedModelError
+from identification.delayed_outputs import at_outputs
 from identification.problem import Matrix, Vector
 from identification.shooting import LONGEST_STEP, ExplicitModel, Shooting, step_code
 
@@ -198,7 +200,17 @@ def filter_library(
     driver: str,
     function: str,
 ) -> ctypes.CDLL:
-    """Compile a model with a driver whose function returns a number of samples."""
+    """Compile a model with a driver whose function returns a number of samples.
+
+    Raises:
+        UnsupportedModelError: An output shows a delayed motion, which is no function of the state.
+        CompilerError: No C compiler.
+    """
+    if at_outputs(model):
+        raise UnsupportedModelError(
+            f"{model.dae.name} delays an output, which a filter cannot predict from the state",
+            remedy="choose --method output-error",
+        )
     source = step_code(model, output_names, sensitive, driver)
     library = ctypes.CDLL(str(shared_library(source)))
     library[function].restype = ctypes.c_int

@@ -27,6 +27,7 @@ from fmus.compiler import shared_library
 from fmus.dae import Dae
 from fmus.explicit import ExplicitModel, explicit
 from foundation.errors import UnsupportedModelError
+from identification.delayed_outputs import DelayedOutputs, at_inputs, at_outputs, split
 from identification.problem import Problem
 
 Vector = NDArray[np.float64]
@@ -69,7 +70,7 @@ class Shooting:
         longest_step: Of the integration [s].
 
     Raises:
-        UnsupportedModelError: The model has when-equations, or delays something else than an input.
+        UnsupportedModelError: The model has when-equations, or feels a delay of its own motion.
         CompilerError: No C compiler.
     """
 
@@ -130,6 +131,15 @@ class Shooting:
             self.model, self.output_names, self.sensitive, self.following, self._optimise
         )
 
+    @cached_property
+    def _late(self) -> DelayedOutputs | None:
+        """What puts outputs with delays together; None if there are none."""
+        model = self.model
+        if not at_outputs(model):
+            return None
+        outputs = ca.vertcat(*(model.value(name) for name in self.output_names))
+        return DelayedOutputs.of(model, outputs, _parameters(model, self.sensitive))
+
     @property
     def state_names(self) -> tuple[str, ...]:
         """The states, in the order of the initial state."""
@@ -173,7 +183,7 @@ class Shooting:
             h: Sample time [s].
             p: (np,) parameters.
         """
-        if not self.dae.delays:
+        if not at_inputs(self.model):
             return np.ascontiguousarray(inputs, dtype=float)
         columns = [inputs]
         # A held input is a staircase; a delayed one is the straight lines through the middles of
@@ -202,7 +212,7 @@ class Shooting:
         ]
         return [
             bool(held) and bool(ca.depends_on(self.model.fold(d.operand), ca.vertcat(*held)))
-            for d in self.dae.delays
+            for d in at_inputs(self.model)
         ]
 
     def run(
@@ -225,7 +235,9 @@ class Shooting:
             t0: Time of the first sample [s].
             sensitivities: Also return the derivatives.
         """
-        n, ny, nc = len(inputs), len(self.output_names), self.nx + len(self.sensitive)
+        late = self._late
+        n, nc = len(inputs), self.nx + len(self.sensitive)
+        ny = len(self.output_names) + (late.delays if late is not None else 0)
         y = np.full((n, ny), np.nan)
         dy = np.zeros((n if sensitivities else 0, nc, ny))
         x0 = np.ascontiguousarray(x0, dtype=float)
@@ -243,7 +255,10 @@ class Shooting:
             _pointer(dy),
         )
         y[finite:] = np.nan
-        return Response(y, dy.transpose(0, 2, 1), int(finite))
+        changes = dy.transpose(0, 2, 1)
+        if late is not None:
+            y, changes = late.together(y, changes, p, h)
+        return Response(y, changes, int(finite))
 
 
 def substeps(h: float, longest: float = LONGEST_STEP) -> int:
@@ -270,22 +285,12 @@ def _plain(dae: Dae) -> ExplicitModel:
             remedy="write the law as a smooth or piecewise function",
         )
     model = explicit(dae)
-    for delay in dae.delays:
-        if ca.depends_on(model.fold(delay.operand), ca.vertcat(model.x, model.delayed)):
-            raise UnsupportedModelError(
-                f"{dae.name} delays a signal that depends on the states",
-                remedy="put the delay at an input, or use a first-order lag",
-            )
-        if ca.depends_on(model.fold(delay.duration), ca.vertcat(model.x, model.u, model.delayed)):
-            raise UnsupportedModelError(
-                f"{dae.name}: a delay's duration varies while it runs",
-                remedy="make the duration a parameter",
-            )
+    at_outputs(model)  # refuses what cannot be had
     return model
 
 
 def _check_operands(model: ExplicitModel, sensitive: Sequence[str]) -> None:
-    for delay in model.dae.delays:
+    for delay in at_inputs(model):
         operand = model.fold(delay.operand)
         for name in sensitive:
             if ca.depends_on(operand, model.p[model.parameter_names.index(name)]):
@@ -299,7 +304,7 @@ def _check_operands(model: ExplicitModel, sensitive: Sequence[str]) -> None:
 @lru_cache(maxsize=256)
 def _delay_operands(model: ExplicitModel) -> ca.Function:
     """(u, p) → (operand of every delay, its duration)."""
-    delays = model.dae.delays
+    delays = at_inputs(model)
     operands = ca.vertcat(*(model.fold(delay.operand) for delay in delays))
     durations = ca.vertcat(*(model.fold(delay.duration) for delay in delays))
     return ca.Function("operands", [model.u, model.p], [operands, durations])
@@ -311,8 +316,11 @@ def _measured(
 ) -> Mapping[int, tuple[int, float]]:
     found: dict[int, tuple[int, float]] = {}
     p0 = [model.dae.parameter_values[name] for name in model.parameter_names]
+    operands = ca.vertcat(*(model.fold(delay.operand) for delay in model.dae.delays))
     for k, name in enumerate(output_names):
-        row = ca.substitute(ca.jacobian(model.value(name), model.x), model.p, ca.DM(p0))
+        # A delayed state is nearly that state.
+        shown = ca.substitute(model.value(name), model.delayed, operands)
+        row = ca.substitute(ca.jacobian(shown, model.x), model.p, ca.DM(p0))
         entries = [j for j in range(row.shape[1]) if not row[0, j].is_zero()]
         if len(entries) == 1 and row[0, entries[0]].is_constant():
             found.setdefault(entries[0], (k, float(row[0, entries[0]])))
@@ -359,20 +367,23 @@ def step_code(
         driver: File in `identification/drivers` that calls the generated functions.
         following: States whose start follows from the others.
     """
-    n_delays = len(model.dae.delays)
+    early = at_inputs(model)
+    n_delays = len(early)
     # Each delay brings three columns: value d, slope e and duration T₀ at the point of
     # linearisation; d - e·(T - T₀) has the right value and the right derivative there.
     lag = ca.SX.sym("lag", 3 * n_delays)
     delayed = [
         lag[3 * k] - lag[3 * k + 1] * (model.fold(delay.duration) - lag[3 * k + 2])
-        for k, delay in enumerate(model.dae.delays)
+        for k, delay in enumerate(early)
     ]
+    late = at_outputs(model)
+    own = [model.delayed[k] for k in range(len(model.dae.delays)) if k not in late]
     u = ca.vertcat(model.u, lag)
 
     def with_delays(expression: SX) -> SX:
         if not n_delays:
             return expression
-        return ca.substitute(expression, model.delayed, ca.vertcat(*delayed))
+        return ca.substitute(expression, ca.vertcat(*own), ca.vertcat(*delayed))
 
     f = ca.Function("f", [model.time, model.x, u, model.p], [with_delays(model.derivatives)])
     t, x, p = model.time, model.x, model.p
@@ -385,9 +396,13 @@ def step_code(
     k3 = f(t + h / 2, x + h / 2 * k2, middle, p)
     k4 = f(t + h, x + h * k3, u1, p)
     x_next = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
-    theta = [p[model.parameter_names.index(name)] for name in sensitive]
-    s = ca.vertcat(*theta) if theta else ca.SX(0, 1)
-    y = with_delays(ca.vertcat(*(model.value(name) for name in output_names)))
+    s = _parameters(model, sensitive)
+    y = ca.vertcat(*(model.value(name) for name in output_names))
+    if late:
+        # The rest is done when the motion is known: `DelayedOutputs`.
+        rest, _, signals, _ = split(model, y)
+        y = ca.vertcat(rest, signals)
+    y = with_delays(y)
     step_in = [t, x, u0, u1, p, h]
     output_in = [t, x, u, p]
     start = _starts(model, with_delays(model.derivatives), following)
@@ -426,13 +441,19 @@ def step_code(
         "NX": model.x.shape[0],
         "NU": u.shape[0],
         "NS": len(sensitive),
-        "NY": len(output_names),
+        "NY": y.shape[0],
         "ND": 3 * n_delays,
         "FOLLOWING": len(following),
         "WORK": max(1, *(int(function.sz_w()) for function in functions)),
     }
     defines = "".join(f"#define {name} {value}\n" for name, value in sizes.items())
     return str(generator.dump()) + defines + _driver(driver)
+
+
+def _parameters(model: ExplicitModel, names: Sequence[str]) -> SX:
+    """Return (names,) parameters."""
+    theta = [model.p[model.parameter_names.index(name)] for name in names]
+    return ca.vertcat(*theta) if theta else ca.SX(0, 1)
 
 
 def _driver(name: str) -> str:

@@ -8,7 +8,7 @@ from enum import Enum
 
 import numpy as np
 
-from foundation.errors import DivergenceError, TwinproofError
+from foundation.errors import DivergenceError, TwinproofError, UnsupportedModelError
 from foundation.progress import Progress, silent
 from identification.discovery.crossvalidation import Verdict, crossvalidate
 from identification.discovery.empirical import Proposal, propose
@@ -143,7 +143,7 @@ def _with_disturbance(
     progress("asking again, with an unknown disturbance at the inputs")
     try:
         opinion = second_opinion(model, experiment.problem, fit.values)
-    except DivergenceError:
+    except (DivergenceError, UnsupportedModelError):
         # A model that a filter cannot follow has no second opinion.
         return found
     inputs = np.sqrt(np.mean(experiment.problem.inputs**2, axis=0))

@@ -330,8 +330,14 @@ def _nested_name(base: ModelicaSource, additions: Sequence[Addition]) -> str:
 def chain(additions: Sequence[Addition], place: str) -> list[Addition]:
     """Return what is in series with an input or output, in the order in which a signal meets it."""
     here = [a for a in additions if a.place.name == place]
-    # A delay needs its bare input as operand; the others follow in the order they were added.
-    return sorted(here, key=lambda a: not a.effect.delays)
+
+    def turn(addition: Addition) -> int:
+        # A delay needs the bare input as operand, and the finished output.
+        if not addition.effect.delays:
+            return 1
+        return 0 if addition.place.kind == "input" else 2
+
+    return sorted(here, key=turn)
 
 
 def _connect_chain(stations: Sequence[str]) -> list[str]:

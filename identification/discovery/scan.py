@@ -109,7 +109,7 @@ def scan(
     measured = experiment.problem.output_names
     have = {a.label for a in model.additions} | set(exclude)
     wanted = [a for a in _fitting(model.base, measured) if a.label not in have]
-    testable, skipped = _testable(wanted)
+    testable, skipped = _testable(wanted, model.additions)
     with ThreadPoolExecutor(_WORKERS) as pool:
         groups = _groups(testable)
         scored = pool.map(partial(score_group, model, experiment, fit), groups)
@@ -124,9 +124,11 @@ def _groups(testable: Sequence[Addition]) -> list[list[Addition]]:
     A step costs the square of the states times the sensitivities, and absent candidates do not act
     on one another: apart they score the same for a tenth of the work.
     """
-    groups = [[a for a in testable if not a.effect.states]]
+    # Signals that outputs delay are further outputs: these candidates are apart, too.
+    late = [a for a in testable if a.effect.delays and a.place.kind == "output"]
+    groups = [[a for a in testable if not a.effect.states and a not in late], late]
     states = _STATES_AT_ONCE
-    for addition in (a for a in testable if a.effect.states):
+    for addition in (a for a in testable if a.effect.states and a not in late):
         states += addition.effect.states
         if states > _STATES_AT_ONCE:
             groups.append([])
@@ -160,11 +162,13 @@ def score_group(
     ]
 
 
-def _testable(wanted: Sequence[Addition]) -> tuple[list[Addition], dict[str, str]]:
+def _testable(
+    wanted: Sequence[Addition], present: Sequence[Addition]
+) -> tuple[list[Addition], dict[str, str]]:
     """Leave out what cannot be simulated with sensitivities, with the reason."""
     testable: list[Addition] = []
     skipped: dict[str, str] = {}
-    delayed: dict[str, str] = {}
+    delayed = {a.place.name: a.effect.name for a in present if a.effect.delays}
     for addition in wanted:
         effect, place = addition.effect, addition.place
         if not effect.searched:
@@ -173,12 +177,10 @@ def _testable(wanted: Sequence[Addition]) -> tuple[list[Addition], dict[str, str
             reason = "no parameter makes it absent: give one the default 0"
         elif effect.jumps:
             reason = "an effect that changes its state at events is not tested yet"
-        elif effect.delays and place.kind != "input":
-            reason = (
-                "a delayed motion has no sensitivities yet; FirstOrderLag stands for it at sensors"
-            )
+        elif effect.delays and place.kind not in ("input", "output"):
+            reason = "a delayed motion that acts back has no sensitivities"
         elif effect.delays and place.name in delayed:
-            reason = f"{delayed[place.name]} is tested here; two delays in series are not"
+            reason = f"{delayed[place.name]} is here; two delays in series are not tested"
         else:
             testable.append(addition)
             if effect.delays:

@@ -112,6 +112,7 @@ ADDED = (
     "Gain@tau,k=0.1",
     "FirstOrderLag@theta,T=0.05",
     "Offset@theta,b=0.02",
+    "Delay@theta,T=0.03",
 )
 
 
@@ -141,7 +142,9 @@ def test_an_fmu_with_blocks_answers_as_the_same_model_in_modelica(tmp_path):
         columns = [order.index("theta"), order.index("omega"), *range(len(x0), len(x0) + 5)]
         answers.append((run.outputs, run.sensitivities[:, :, columns]))
     (y, dy), (y_fmu, dy_fmu) = answers
-    assert y_fmu == pytest.approx(y, abs=1e-4)
+    # What the delayed sensor shows of the time before is guessed in two ways.
+    assert y_fmu == pytest.approx(y, abs=1e-3)
+    assert y_fmu[3:] == pytest.approx(y[3:], abs=1e-4)
     scale = np.max(np.abs(dy), axis=(0, 1))
     assert np.all(np.max(np.abs(dy_fmu - dy), axis=(0, 1)) < 0.01 * scale)
 

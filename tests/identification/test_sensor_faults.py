@@ -30,6 +30,13 @@ def late(angle, lag=0.03):
     return lfilter([share], [1, share - 1], angle, zi=start)[0]
 
 
+def shifted(angle, delay=0.04):
+    """Later by whole samples; before the record, the angle ran on as it begins."""
+    count = round(delay / STEP)
+    slope = angle[1] - angle[0]
+    return np.concatenate([angle[0] - slope * np.arange(count, 0, -1), angle[:-count]])
+
+
 def diagnosed(problem):
     experiment = Experiment.of(problem)
     return diagnose(extend(PENDULUM, []), experiment, experiment.fit_stages()[-1])
@@ -41,8 +48,9 @@ def diagnosed(problem):
         (lambda angle: angle + 0.05, "Offset@theta"),
         (lambda angle: 1.05 * angle, "Gain@theta"),
         (late, "FirstOrderLag@theta"),
+        (shifted, "Delay@theta"),
     ],
-    ids=["bias", "scale", "lag"],
+    ids=["bias", "scale", "lag", "delay"],
 )
 def test_a_wrong_sensor_is_called_one(fault, label):
     found = diagnosed(record(fault))
@@ -50,6 +58,14 @@ def test_a_wrong_sensor_is_called_one(fault, label):
     labels = {found.chosen.addition.label, *(name for tie in found.ties for name in tie)}
     assert label in labels
     assert all(name.endswith("@theta") for name in labels)
+
+
+def test_how_late_a_sensor_is():
+    chosen = diagnosed(record(shifted)).chosen
+    assert chosen.addition.label == "Delay@theta"
+    index = chosen.fit.free.index(chosen.model.parameter_of(chosen.addition, "T"))
+    sd = np.sqrt(chosen.fit.covariance[index, index])
+    assert abs(chosen.addition.values["T"] - 0.04) < 5 * sd < 2e-3
 
 
 def test_missing_friction_is_no_sensors_fault():

@@ -7,6 +7,7 @@ from scipy.integrate import solve_ivp
 from scipy.signal import lfilter
 
 from fmus.frontend import load
+from fmus.sources import ModelicaSource
 from foundation.errors import UnsupportedModelError
 from identification.discovery.extension import extend, parse_addition
 from identification.shooting import Shooting
@@ -154,7 +155,9 @@ def test_sensitivities_are_those_of_dop853_differences():
         ("Gain@tau", "gain_tau.k", 0.0, 1e-6),
         ("Delay@tau", "delay_tau.T", 0.0, 1e-6),
         ("FirstOrderLag@tau", "firstOrderLag_tau.T", 0.0, 1e-6),
+        ("Delay@theta", "delay_theta.T", 0.0, 1e-6),
         # Present.
+        ("Delay@theta", "delay_theta.T", 0.0137, 1e-6),
         ("Delay@tau", "delay_tau.T", 0.0137, 1e-6),
         ("FirstOrderLag@tau", "firstOrderLag_tau.T", 0.02, 1e-6),
         ("StribeckFriction@joint,tau_s=0.2", "stribeckFriction_joint.w_s", 0.6, 1e-6),
@@ -200,6 +203,47 @@ def test_a_delayed_input_agrees_with_dop853(delay):
     resolution = np.abs(half - states).max(axis=0)
     error = np.abs(response.outputs - states).max(axis=0)
     assert np.all(error < 0.05 * resolution), error / resolution
+
+
+@pytest.mark.parametrize("delay", [0.0042, 0.010, 0.0333])
+def test_a_delayed_output_agrees_with_dop853(delay):
+    """Beside another fault of the sensor, which acts on the signal that is delayed."""
+    source = truth.library("Pendulum")
+    texts = [f"Delay@theta,T={delay}", "Gain@theta,k=0.1", "Delay@omega,T=0.02", "Offset@omega,b=1"]
+    model = extend(source, [parse_addition(text, source) for text in texts])
+    step = 2e-3
+    free = ("J", "gain_theta.k", "delay_theta.T", "delay_omega.T")
+    s = Shooting(model.dae, ("theta", "omega"), free)
+    inputs = truth.swing(1500, step)
+    fine = 20  # every delay is a multiple of 0.1 ms
+    held = np.repeat(inputs, fine)
+    states = truth.held(truth.pendulum_rates(), [0.4, -0.5], held, step / fine)
+    response = run(s, [0.4, -0.5], inputs, declared(s), step)
+    for k, (late, scale, offset) in enumerate([(delay, 1.1, 0.0), (0.02, 1.0, 1.0)]):
+        shift = round(late / step * fine)
+        expected = scale * np.concatenate([np.full(shift, np.nan), states[: -shift or None, k]])
+        expected = expected[::fine] + offset
+        error = np.abs(response.outputs[:, k] - expected)
+        without = np.abs(scale * states[::fine, k] + offset - expected)
+        assert np.nanmax(error) < 0.01 * np.nanmax(without)
+        # What was before is guessed from the beginning.
+        assert np.abs(response.outputs[0, k] - scale * (states[0, k]) - offset) < 0.1
+    found = run(s, [0.4, -0.5], inputs, declared(s), step, sensitivities=True)
+    values = declared(s)
+    expected = differences(s, [0.4, -0.5], inputs, values, step, dict.fromkeys(free, 1e-6))
+    scale = np.max(np.abs(expected), axis=(0, 1))
+    error = np.max(np.abs(found.sensitivities[:, :, -4:] - expected[:, :, -4:]), axis=(0, 1))
+    assert np.all(error < 5e-3 * scale[-4:])
+
+
+def test_a_delay_that_the_plant_feels_is_refused():
+    source = ModelicaSource(
+        "model Echo parameter Real T = 0.1; output Real x(start = 1, fixed = true); equation "
+        "der(x) = -delay(x, T, 1.0); end Echo;",
+        *("Echo", "echo.mo", "Echo"),
+    )
+    with pytest.raises(UnsupportedModelError, match="acts on it"):
+        Shooting(load(source), ("x",), ())
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.013])
