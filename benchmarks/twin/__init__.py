@@ -1,4 +1,4 @@
-"""The twin service: drift and false alarms, load of the bus, replay, memory, readers, kills.
+"""The twin service: drift, false alarms, load of the bus, replay, memory, readers, kills, machines.
 
 `TWINPROOF_TWIN_HOURS` sets the simulated hours for the rate of false alarms (default 2; the figure
 in the documentation is of 100), `TWINPROOF_TWIN_KILLS` how often the service is killed (10).
@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from benchmarks.figures import Figure
-from benchmarks.twin import bus, drift, kills, service
+from benchmarks.twin import bus, drift, kills, machines, service
 
 
 def run() -> Iterator[Figure]:
@@ -17,3 +17,4 @@ def run() -> Iterator[Figure]:
     yield from bus.run()
     yield from service.run()
     yield from kills.run()
+    yield from machines.run()
