@@ -23,6 +23,7 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from shutil import which
+from types import FrameType
 from typing import Any
 
 import numpy as np
@@ -118,7 +119,11 @@ def gateway(path: str) -> None:
 
     settings = read_settings(Path(path))
     with Gateway(settings, "gateway", source) as running:
-        signal.signal(signal.SIGTERM, lambda *_: over.set())
+
+        def end(_signal: int, _frame: FrameType | None) -> None:
+            over.set()
+
+        signal.signal(signal.SIGTERM, end)
         running.start()
         over.wait()
         for loop in loops:

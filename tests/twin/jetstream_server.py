@@ -17,13 +17,14 @@ PROGRAM = shutil.which("nats-server")
 class Server:
     """`nats-server` with JetStream in a folder."""
 
+    process: subprocess.Popen[bytes]
+
     def __init__(self, folder, *, jetstream=True):
         self.folder, self.jetstream = folder, jetstream
         with socket.socket() as probe:
             probe.bind(("127.0.0.1", 0))
             self.port = probe.getsockname()[1]
         self.url = f"nats://127.0.0.1:{self.port}"
-        self.process = None
 
     def start(self):
         options = ["-js", "-sd", str(self.folder / "store")] if self.jetstream else []

@@ -4,6 +4,7 @@ import itertools
 import json
 import sqlite3
 import threading
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
@@ -255,6 +256,16 @@ def test_migrations_make_the_tables_that_the_program_expects(database, tmp_path)
         context = MigrationContext.configure(connection, opts={"compare_type": True})
         assert compare_metadata(context, Base.metadata) == []
     engine.dispose()
+
+
+def test_several_programs_make_the_tables_at_once(postgres_database, tmp_path):
+    engines = [open_database(postgres_database, tmp_path) for _ in range(6)]
+    with ThreadPoolExecutor(len(engines)) as pool:
+        found = list(pool.map(upgrade, engines))
+    assert {after for _, after in found} == {"0003"}
+    assert [before for before, _ in found].count(None) == 1
+    for engine in engines:
+        engine.dispose()
 
 
 def test_an_old_database_is_upgraded_and_keeps_what_it_has(database, tmp_path):

@@ -31,7 +31,7 @@ class Held:
     Args:
         claim: On the twin.
         streamed: Its frames.
-        seal: Makes bytes of the twin's name and state.
+        seal: Makes bytes of the twin's name, the stream and the state.
 
     Attributes:
         running: The twin; None: it is being made.
@@ -42,7 +42,7 @@ class Held:
         self,
         claim: Claim,
         streamed: StreamedFrames,
-        seal: Callable[[str, dict[str, Any]], bytes],
+        seal: Callable[[str, str, dict[str, Any]], bytes],
     ) -> None:
         self.claim = claim
         self.running: Running | None = None
@@ -56,13 +56,9 @@ class Held:
         if running is None:
             return [self.claim.keep(self.claim.position, self.claim.state)]
         place = self._streamed.place
-        state = {
-            "stream": place.stream,
-            "faults": running.faults,
-            "monitor": running.monitor.snapshot(),
-        }
+        state = {"faults": running.faults, "monitor": running.monitor.snapshot()}
         self._since, self._kept = 0, time.monotonic()
-        return [self.claim.keep(place.position, self._seal(self.claim.twin, state))]
+        return [self.claim.keep(place.position, self._seal(self.claim.twin, place.stream, state))]
 
     def feed(self, store: Store) -> None:
         """Take what has come, and write a check-point if one is due.

@@ -21,7 +21,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from foundation.errors import InputError, TwinproofError
+from foundation.errors import InputError, StoreError, TwinproofError
 from twin.follower import Follower
 from twin.jetstream.connection import Connection
 from twin.jetstream.frames import Place, StreamedFrames
@@ -39,6 +39,8 @@ _SHARE = 0.25
 # What may be spent at once on taking up twins: those that run are not to wait for it [s].
 _AT_ONCE = 0.25
 _OTHERS = 1.0
+# After which a twin that could not be run is tried again [s].
+_REFUSED = 10.0
 _PATIENCE = 3.0
 
 
@@ -92,6 +94,7 @@ class Worker(Service):
         self.name = name
         self._held: dict[str, Held] = {}
         self._others: dict[str, dict[str, Any]] = {}
+        self._refused: dict[str, float] = {}
         try:
             address = "http://{}:{}".format(*self.settings.service.address)
             self._claims = Claims(self.store.engine, name, address)
@@ -120,7 +123,7 @@ class Worker(Service):
         with self._lock:
             if self.journal.failure:
                 self._let_all_go(self.journal.failure)
-            if self._due("share", _SHARE):
+            elif self._due("share", _SHARE):
                 self._share()
             if self._due("others", _OTHERS):
                 self._connection.start(self._ask_others())
@@ -136,22 +139,31 @@ class Worker(Service):
             for twin in twins:
                 if len(self._twins) >= share or time.monotonic() - began > _AT_ONCE:
                     return
-                claim = None if twin.name in self._twins else self._claims.claim(twin.name)
+                if twin.name in self._twins or began < self._refused.get(twin.name, 0.0):
+                    continue
+                claim = self._claims.claim(twin.name)
                 if claim is not None:
-                    self._take_up(twin, claim)
-        except TwinproofError as error:
+                    self._try_to_take_up(twin, claim)
+        except StoreError as error:
             # The locks were of a session that has ended: others may have the twins by now.
             self._let_all_go(str(error))
 
     def _begin_all(self, names: Collection[str]) -> None:
         """Leave it to the next rounds."""
 
+    def _try_to_take_up(self, twin: TwinSettings, claim: Claim) -> None:
+        try:
+            self._take_up(twin, claim)
+        except StoreError:
+            raise
+        except TwinproofError as error:
+            # A twin that cannot be run is no reason to leave the others.
+            self._refused[twin.name] = time.monotonic() + _REFUSED
+            self._claims.release(twin.name)
+            _LOG.error("not taken up", extra={"twin": twin.name, "because": str(error)})
+
     def _take_up(self, twin: TwinSettings, claim: Claim) -> None:
-        found = self._restored(claim)
-        place = Place() if found is None else Place(claim.position, found["stream"])
-        resumed = None
-        if found is not None and found["of"] == self._of(twin.name):
-            resumed = found["monitor"]
+        place, state = self._restored(claim)
         streamed = StreamedFrames(self._connection, claim.twin, claim.generation, place)
         held = Held(claim, streamed, self._sealed)
         try:
@@ -162,15 +174,14 @@ class Worker(Service):
                 self.clock,
                 roots=self._roots,
                 kept=held.actions,
-                resumed=resumed,
+                resumed=None if state is None else state["monitor"],
             )
         except BaseException:
             held.close()
-            self._claims.release(claim.twin)
             raise
         held.running = Running(monitor, held, Averages())
-        if resumed is not None and found is not None:
-            held.running.faults = found["faults"]
+        if state is not None:
+            held.running.faults = state["faults"]
         held.answers = self._connection.answer(
             self._connection.question_to(claim.twin), lambda asked: self._answer(held, asked)
         )
@@ -211,19 +222,26 @@ class Worker(Service):
     def _of(self, name: str) -> str:
         return f"{version('twinproof')}:{self._fingerprints[name]}"
 
-    def _sealed(self, name: str, state: dict[str, Any]) -> bytes:
-        content = pickle.dumps({**state, "of": self._of(name)}, pickle.HIGHEST_PROTOCOL)
-        return self.store.sealed(name, zlib.compress(content, 1))
+    def _sealed(self, name: str, stream: str, state: dict[str, Any]) -> bytes:
+        head = json.dumps({"of": self._of(name), "stream": stream}).encode()
+        content = pickle.dumps(state, pickle.HIGHEST_PROTOCOL)
+        return self.store.sealed(name, head + b"\n" + zlib.compress(content, 1))
 
-    def _restored(self, claim: Claim) -> dict[str, Any] | None:
+    def _restored(self, claim: Claim) -> tuple[Place, dict[str, Any] | None]:
+        """Return where to go on, and with what; None: that is of another program or settings."""
         if claim.state is None:
-            return None
+            return Place(), None
         content = self.store.unsealed(claim.twin, claim.state)
         if content is None:
             # Nothing that was not sealed here is unpickled.
             _LOG.error("the check-point is not genuine", extra={"twin": claim.twin})
-            return None
-        return pickle.loads(zlib.decompress(content))
+            return Place(), None
+        line_, _, state = content.partition(b"\n")
+        head = json.loads(line_)
+        place = Place(claim.position, head["stream"])
+        if head["of"] != self._of(claim.twin):
+            return place, None
+        return place, pickle.loads(zlib.decompress(state))
 
     # Rounds
 

@@ -11,12 +11,13 @@ import alembic.command
 from alembic.config import Config
 from alembic.runtime.migration import MigrationContext
 from alembic.script import ScriptDirectory
-from sqlalchemy import Connection, Engine, create_engine, event
+from sqlalchemy import Connection, Engine, create_engine, event, text
 from sqlalchemy.engine import make_url
 from sqlalchemy.exc import ArgumentError, NoSuchModuleError, SQLAlchemyError
 
 from foundation.errors import InputError, StoreError
 
+_UPGRADING = 0x747775
 WRITING = "twinproof_writing"
 """Execution option of connections that will write."""
 
@@ -144,6 +145,9 @@ def upgrade(engine: Engine, target: str = "head") -> tuple[str | None, str | Non
     """
     where = engine.url.render_as_string()
     with said_plainly(where), engine.execution_options(**{WRITING: True}).begin() as connection:
+        if engine.dialect.name == "postgresql":
+            # Several programs that start at once: the first one makes the tables.
+            connection.execute(text(f"SELECT pg_advisory_xact_lock({_UPGRADING}, 0)"))
         config = _config(connection)
         before = revision(connection)
         known = {s.revision for s in ScriptDirectory.from_config(config).walk_revisions()}
