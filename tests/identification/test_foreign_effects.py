@@ -23,6 +23,7 @@ from identification.experiment import Experiment, simulator_of
 from identification.gauss_newton import fit_together
 from identification.problem import match
 from recordings import Channel, Recording
+from recordings.recording import Sensor
 from twinproof import Model, diagnose, improve
 from twinproof import extend as api_extend
 from twinproof.results import write_extended, write_improvement
@@ -104,6 +105,18 @@ def test_nothing_is_missing(fmu):
     u = command(4)
     found = diagnose(Model.of(str(fmu)), recorded(u, machine(u), 4), free=["rate"]).diagnosis
     assert found.outcome is Outcome.COMPLETE
+    assert found.chosen is None
+
+
+def test_what_no_effect_explains_has_no_name(fmu):
+    """With a sensor whose noise is known, a filter would be asked, which needs equations."""
+    u = command(7, 600)
+    hum = 0.2 * np.sin(9 * H * np.arange(len(u)))
+    record = recorded(u, machine(u) + hum, 7)
+    known = replace(record.channels["y"], sensor=Sensor(sd=NOISE))
+    record = replace(record, channels={**record.channels, "y": known})
+    found = diagnose(Model.of(str(fmu)), record, free=["rate"]).diagnosis
+    assert found.outcome is Outcome.UNKNOWN_SHAPE
     assert found.chosen is None
 
 
