@@ -7,6 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import chi2
+
+_CHANCE = 0.05
+"""That an estimate which has arrived is taken for one on its way: it waits a little longer."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,6 +26,7 @@ class Estimate:
         excitation: How well the recent data tell the parameters: 1 suffices for an update; with
             less the estimate rests, and its time stays.
         units: Parameter → unit.
+        moved: How far it has come in the last `settle` of the twin's settings, as `distance`.
 
     Example:
         >>> e = Estimate(0.0, ("J",), {"J": 2.0}, {"J": 0.1}, np.array([[0.01]]), 1.0, {})
@@ -36,6 +41,12 @@ class Estimate:
     covariance: NDArray[np.float64]
     excitation: float
     units: Mapping[str, str]
+    moved: float = 0.0
+
+    @property
+    def rests(self) -> bool:
+        """Whether it moves no more than chance would have it: it has arrived at the plant."""
+        return self.moved <= float(np.sqrt(chi2.isf(_CHANCE, max(1, len(self.names)))))
 
     def distance(self, other: Mapping[str, float]) -> float:
         """Return the Mahalanobis distance of other values from these, in this covariance."""

@@ -27,6 +27,9 @@ Array = NDArray[np.float64]
 
 LOOSE = 0.3
 """Standard deviation, relative to the values, of parameters of which nothing is known any more."""
+_LOOSENED = 30.0
+"""The same for what fades or has changed: a small friction may have become one that matters. If it
+were held back by its old value the others would move in its place."""
 _LONGEST_STEP = 0.1
 """Of a parameter in one block, relative to its value: a filter needs time to follow."""
 _SMALLEST = 1e-3
@@ -126,13 +129,15 @@ class KalmanFit(OnlineFit):
         if not self.excitation.suffices:
             return
         fading = self._fading
-        # What fades and is not renewed, in directions that the data do not show, ends as loose.
-        renewed = information + (1 - fading) * np.eye(len(self.names)) / LOOSE**2
+        # What fades and is not renewed, in directions that the data do not show, is let go.
+        renewed = information + (1 - fading) * np.eye(len(self.names)) / _LOOSENED**2
         self._whole = fading * self._whole + renewed
         self._spread = fading**2 * self._spread + renewed
         inverse = np.linalg.pinv(self._whole, rcond=1e-14, hermitian=True)
         step = inverse @ (scored.score * self.scale)
-        step /= max(1.0, float(np.max(np.abs(step))) / _LONGEST_STEP)
+        # Of its present value: one that grows far beyond what it was would crawl otherwise.
+        longest = _LONGEST_STEP * np.maximum(1.0, np.abs(self._theta) / self.scale)
+        step /= max(1.0, float(np.max(np.abs(step) / longest)))
         moved = self._theta + step * self.scale
         # A mass, an inertia, a friction does not change its sign.
         floor = _SMALLEST * self.scale
@@ -143,7 +148,7 @@ class KalmanFit(OnlineFit):
 
     def loosen(self) -> None:
         """Forget what was; see `OnlineFit`."""
-        self._whole = np.eye(len(self.names)) / LOOSE**2
+        self._whole = np.eye(len(self.names)) / _LOOSENED**2
         self._spread = self._whole.copy()
         self._covariance = np.linalg.inv(self._whole)
 

@@ -349,6 +349,10 @@ class Monitor:
         begun = max(since, self._life.drift or since)
         if estimate.time - begun < self.settings.verification.settle:
             return None
+        # On its way still it would be verified where the plant is not, and drift be flagged anew;
+        # with an effect the parameters are fitted to the data instead.
+        if self._effect is None and not estimate.rests:
+            return None
         return estimated(self.settings, self._model, estimate, self.reference)
 
     def _improvement(self, candidate: ParameterSet) -> Improvement | None:

@@ -8,9 +8,10 @@ estimate; it predicts, and its score moves the estimate.
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Mapping
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol
 
@@ -171,6 +172,7 @@ class Pipeline(Resumable):
         )
         self._free = free_run(settings, model, self._following, self._h)
         self._tunable = {v.name for v in settings.plant.described.parameters}
+        self._trail: deque[tuple[float, dict[str, float]]] = deque()
         self._excited: bool | None = None
         self._time: float | None = None
         self._updated: float | None = None
@@ -192,7 +194,7 @@ class Pipeline(Resumable):
         values = {**self._believed.values, **fit.values}
         known = {n: float(v) for n, v in values.items() if n in self.plant.values}
         sd = np.sqrt(np.maximum(np.diag(covariance), 0.0)).tolist()
-        return Estimate(
+        found = Estimate(
             self._updated,
             fit.names,
             known,
@@ -201,6 +203,7 @@ class Pipeline(Resumable):
             fit.excitation.level,
             self.plant.units,
         )
+        return replace(found, moved=found.distance(self._trail[0][1])) if self._trail else found
 
     @property
     def newest(self) -> float | None:
@@ -356,6 +359,9 @@ class Pipeline(Resumable):
         self._fit.take(block.inputs, block.outputs, scored)
         if self._updated is None or self._fit.updates > before:
             self._updated = time
+        self._trail.append((time, dict(self._fit.values)))
+        while time - self._trail[0][0] > self.settings.verification.settle:
+            self._trail.popleft()
         shares_filter(self._fit, self._following)
         return events + self._excitation(time) + self._report(time)
 

@@ -93,6 +93,20 @@ def test_first_the_parameters_of_the_fit_are_verified_and_then_the_gate_opens(ho
     assert not house.monitor.decide("0" * 64).allowed
 
 
+def test_an_estimate_on_its_way_is_not_verified(house):
+    """It would be verified where the plant is not, and drift be flagged anew."""
+    house.verified()
+    house.monitor.feed([drift(house.clock.now)])
+    house.run(6.0, J=0.6)
+    pipeline = house.monitor.pipeline
+    arrived = pipeline.estimate
+    pipeline.estimate = replace(arrived, moved=9.0)
+    assert house.monitor.next_job() is None
+    pipeline.estimate = replace(arrived, moved=1.0)
+    job, _ = house.monitor.next_job()
+    assert job.parameters.values["J"] == 0.6
+
+
 def test_drift_closes_the_gate_in_the_same_update(house):
     house.verified()
     events = house.monitor.feed([drift(house.clock.now)])

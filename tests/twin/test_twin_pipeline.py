@@ -309,3 +309,21 @@ def test_history_is_bounded_and_aligned(tmp_path: Path, quiet: Frames) -> None:
     assert seen.measured.shape == seen.predicted.shape == seen.sd.shape
     share = np.mean(np.abs(seen.residual) < 2 * seen.sd)
     assert 0.9 < share < 0.99
+
+
+def test_a_small_parameter_that_grows_is_followed_and_the_others_stay(tmp_path: Path) -> None:
+    """Friction eight times as large: held back, it would let the inertia move in its place."""
+    whole = frames(motion(40, 5, change=lambda t: {"d": 0.4} if t >= 10 else {}))
+    pipeline = Pipeline(twin(tmp_path))
+    moved = {}
+    for begin in range(0, len(whole), 20):
+        pipeline.feed(part(whole, begin, begin + 20))
+        if (now := pipeline.estimate) is not None:
+            moved[round(now.time - START, 1)] = now
+    assert next(e for t, e in moved.items() if t > 9).rests
+    # On its way: no candidate to verify.
+    assert not next(e for t, e in moved.items() if t > 13).rests
+    last = pipeline.estimate
+    assert last is not None
+    assert last.values["d"] == pytest.approx(0.4, rel=0.05)
+    assert last.values["J"] == pytest.approx(TRUE["J"], rel=0.03)
