@@ -128,6 +128,11 @@ def horizon_of(horizon: Horizon, experiment: Experiment) -> float | None:
     return seconds
 
 
+def _common_horizon(horizon: Horizon, experiments: Sequence[Experiment]) -> float | None:
+    """Return one horizon for all records: free only where every one stays bounded."""
+    return next((s for s in (horizon_of(horizon, e) for e in experiments) if s is not None), None)
+
+
 def identify(
     model: Model,
     recording: Recording | Sequence[Recording],
@@ -192,9 +197,9 @@ def identify(
         estimate = with_doubts(p, estimate)
     first = Experiment.of(problem.with_values(estimate.values), through_fmi=True)
     records: list[FittedRecord] = []
-    for r, p in zip(recordings, problems, strict=True):
-        experiment = first.beside(p.with_values(estimate.values))
-        length = horizon_of(horizon, experiment)
+    experiments = [first.beside(p.with_values(estimate.values)) for p in problems]
+    length = _common_horizon(horizon, experiments)
+    for r, experiment in zip(recordings, experiments, strict=True):
         fitted = experiment.problem
         prediction = experiment.predict(fitted.values, length)
         compared = comparison.compare(fitted, experiment.shooting, prediction)
@@ -274,8 +279,8 @@ def diagnose(
     found = discovery.diagnose(write_extension(source, []), experiment, fit, progress=progress)
     records: list[FittedRecord] = []
     ny = len(problems[0].output_names)
+    length = _common_horizon("auto", experiment.records)
     for k, (r, e) in enumerate(zip(recordings, experiment.records, strict=True)):
-        length = horizon_of("auto", e)
         prediction = e.predict(fit.values, length, sd=fit.sd[k * ny :])
         compared = comparison.compare(e.problem, e.shooting, prediction)
         records.append(FittedRecord(r.origin, e.problem, compared, length))

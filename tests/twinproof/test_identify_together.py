@@ -58,6 +58,7 @@ def test_keys_stay_and_records_join(run, records):
     assert set(together) == set(alone)
     assert together["method"] == "output-error"
     assert set(together["records"][0]) == {"data", "samples", "channels", "nrmse", "horizon"}
+    assert len({record["horizon"] for record in together["records"]}) == 1
     for record, path in zip(together["records"], records, strict=True):
         assert path.name in record["data"]
         assert record["samples"] == 800

@@ -87,6 +87,8 @@ def uncertain(value: float, sd: float) -> str:
         return significant(value, 4)
     largest = max(abs(value), sd)
     exponent = math.floor(math.log10(largest))
+    if exponent + _places(sd) >= _MOST_DIGITS:
+        return f"{significant(value, _MOST_DIGITS)} ± {significant(sd, 2)}"
     if not -4 < exponent < 6:
         power = 10.0**exponent
         places = _places(sd / power)
@@ -95,8 +97,6 @@ def uncertain(value: float, sd: float) -> str:
             f"·10{_raised(exponent)}"
         )
     places = _places(sd)
-    if places + exponent >= _MOST_DIGITS:
-        return f"{significant(value, _MOST_DIGITS)} ± {significant(sd, 2)}"
     return f"{_plain(value, places)} ± {_plain(sd, places)}"
 
 
@@ -120,8 +120,15 @@ def typeset_powers(text: str) -> str:
     Example:
         >>> typeset_powers("may be chance (p = 2e-10)")
         'may be chance (p = 2·10⁻¹⁰)'
+        >>> typeset_powers("is no chance (p < 1e-15)")
+        'is no chance (p < 10⁻¹⁵)'
     """
-    return _E_NOTATION.sub(lambda m: f"{m[1]}·10{_raised(int(m[2]))}", text)
+
+    def power(found: re.Match[str]) -> str:
+        factor = "" if found[1] == "1" else f"{found[1]}·"
+        return f"{factor}10{_raised(int(found[2]))}"
+
+    return _E_NOTATION.sub(power, text)
 
 
 def with_unit(number: str, unit: str) -> str:

@@ -71,6 +71,12 @@ def compare(project: Project, _arguments: Mapping[str, str], progress: Progress)
     for word, recording in zip(words, recordings, strict=True):
         progress(f"simulating {word}")
         results.append(api.compare(model, recording, horizon=project.choices.horizon))
+    # One measure for all records: free simulation only where every one stays bounded.
+    length = next((found.horizon for found in results if found.horizon is not None), None)
+    results = [
+        found if found.horizon == length else api.compare(model, recording, horizon=length)
+        for found, recording in zip(results, recordings, strict=True)
+    ]
     records = [
         FittedRecord(word, found.problem, found.comparison, found.horizon)
         for word, found in zip(words, results, strict=True)
