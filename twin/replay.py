@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -13,6 +13,7 @@ from foundation.errors import FormatError, InputError
 from recordings.readers import reader_for
 from recordings.readers.can_frames import Frames
 from recordings.readers.can_log import CanReader
+from recordings.readers.mf4 import Mf4Reader
 from twin.estimate import Estimate
 from twin.events import JSON, Event
 from twin.ingest.recorder import SUFFIX
@@ -114,11 +115,15 @@ def log_frames(data: Path, buses: int = 1) -> Iterator[Frames]:
     numbers: dict[str, int] = {}
     for path in files:
         reader = reader_for(path)
-        if not isinstance(reader, CanReader):
+        if isinstance(reader, Mf4Reader):
+            parts: Iterable[Frames] = [reader.frames(path)]
+        elif isinstance(reader, CanReader):
+            parts = reader.frames(path)
+        else:
             raise FormatError(
-                "not a CAN log", where=str(path), remedy="replay .log, .blf, .asc or .trc"
+                "not a CAN log", where=str(path), remedy="replay .log, .blf, .asc, .trc or .mf4"
             )
-        for frames in reader.frames(path):
+        for frames in parts:
             yield _numbered(frames, numbers, buses)
 
 

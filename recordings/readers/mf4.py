@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Generator, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -50,6 +51,28 @@ class Mf4Reader(Reader):
                 remedy="name one with --dbc",
             )
         raise FormatError("no sample in the file", where=str(path), remedy="record it again")
+
+    def frames(self, path: Path) -> Frames:
+        """Return all frames of bus logging, in the order of their stamps.
+
+        These count from the first frame: the file's own count from when it was begun, which for a
+        log that was converted is later than its frames.
+
+        Raises:
+            FormatError: There is none, or the file is damaged.
+        """
+        with _opened(path) as groups:
+            logged = [group for group in groups if group.count and _has(group, _FRAMES)]
+            if not logged:
+                raise FormatError(
+                    "no CAN frame in the file, only signals",
+                    where=str(path),
+                    remedy="replay a bus log; signals are for `twinproof identify`",
+                )
+            # Every bus, and every direction, has a group of its own.
+            whole = Frames.joined(list(_frames(groups, logged)))
+        whole = whole.ordered(np.argsort(whole.nanoseconds, kind="stable"))
+        return replace(whole, nanoseconds=whole.nanoseconds - whole.nanoseconds[0])
 
 
 class _ChannelTable(RawTable):

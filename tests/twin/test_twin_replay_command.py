@@ -5,12 +5,14 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import asammdf
+import numpy as np
 import pytest
 from click.testing import CliRunner
 from pendulum_bus import START, TRUE, frames, motion, settings
 
 from foundation.errors import FormatError, InputError, UnknownNameError
-from twin.ingest import FrameRecorder
+from twin.ingest import FrameRecorder, convert
 from twinproof.cli import command
 
 CONFIG = """
@@ -65,6 +67,27 @@ def test_people_get_tables(folder: Path) -> None:
     shown = _run(str(folder / "line.toml"), str(folder / "log"))
     assert "mgl" in shown
     assert "drift" in shown
+
+
+def test_a_bus_log_in_mf4_says_the_same(folder: Path) -> None:
+    (log,) = (folder / "log").glob("*.log")
+    convert(log, folder / "run.mf4")
+    config = str(folder / "line.toml")
+    one = json.loads(_run(config, str(folder / "log"), "--json", "-"))
+    other = json.loads(_run(config, str(folder / "run.mf4"), "--json", "-"))
+    assert other["counts"] == one["counts"]
+    assert other["drift"]["parameter"] == "mgl"
+    assert other["span"] == pytest.approx(one["span"], abs=1e-3)
+    for name, found in one["parameters"].items():
+        assert other["parameters"][name]["value"] == pytest.approx(found["value"], rel=1e-3)
+
+
+def test_signals_in_mf4_are_no_bus_log(folder: Path) -> None:
+    with asammdf.MDF() as file:
+        file.append([asammdf.Signal(np.zeros(3), np.arange(3.0), name="tau")])
+        file.save(folder / "signals.mf4")
+    with pytest.raises(FormatError, match=r"no CAN frame.*replay a bus log"):
+        _run(str(folder / "line.toml"), str(folder / "signals.mf4"))
 
 
 @pytest.mark.parametrize(
