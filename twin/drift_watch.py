@@ -62,7 +62,7 @@ class DriftWatch(Resumable):
         executor: Runs diagnoses; None: here, while `take` waits.
     """
 
-    _changes = ("_values", "_monitor", "_drift")
+    _changes = ("_values", "_covariance", "_monitor", "_drift")
 
     def __init__(
         self,

@@ -107,6 +107,7 @@ class Pipeline(Resumable):
         "_believed",
         "_following",
         "_fit",
+        "_trail",
         "_history",
         "_watch",
         "_free",

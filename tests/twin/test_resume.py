@@ -44,6 +44,7 @@ def check(settings, frames, cuts):
     assert found == events
     assert {e.kind.value for e in events} >= {"parameters", "drift"}
     assert first.estimate.values == whole.estimate.values
+    assert first.estimate.moved == whole.estimate.moved > 0
     assert np.array_equal(first.estimate.covariance, whole.estimate.covariance)
     assert first.drift == whole.drift
     assert first.health == whole.health
