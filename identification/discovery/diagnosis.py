@@ -85,6 +85,7 @@ class Diagnosis:
             not asked, or the sensors' noise is not known.
         proposal: A curve without a name that explains what is left; None if there is none, or no
             need of one.
+        refits: The candidates that were refitted, best first, whole.
     """
 
     outcome: Outcome
@@ -96,6 +97,7 @@ class Diagnosis:
     next_experiment: str
     opinion: Opinion | None = None
     proposal: Proposal | None = None
+    refits: tuple[Refit, ...] = ()
 
     @property
     def disturbance(self) -> str:
@@ -120,7 +122,7 @@ def diagnose(
         fit: Its fit over `WINDOW`-second windows.
         progress: Told what is being done.
     """
-    found, refits = _by_output_error(model, experiment, fit, progress)
+    found = _by_output_error(model, experiment, fit, progress)
     noise_known = not np.any(np.isnan(experiment.problem.noise_sd))
     # A disturbance that differs from record to record has not been looked for yet.
     if found.outcome is Outcome.UNKNOWN_SHAPE and noise_known and not experiment.also:
@@ -128,7 +130,7 @@ def diagnose(
     if found.outcome is Outcome.UNKNOWN_SHAPE:
         progress("looking for a curve without a name")
         noise = experiment.noise()
-        found = replace(found, proposal=propose(model, experiment, fit, noise, refits))
+        found = replace(found, proposal=propose(model, experiment, fit, noise, found.refits))
     return found
 
 
@@ -172,7 +174,7 @@ def _with_disturbance(
 
 def _by_output_error(
     model: ExtendedModel, experiment: Experiment, fit: Fit, progress: Progress
-) -> tuple[Diagnosis, tuple[Refit, ...]]:
+) -> Diagnosis:
     scanned = scan(model, experiment, fit, progress=progress)
     shortlist = _shortlist(scanned.scored)
     refits, failed = refit_all(model, experiment, fit, shortlist, progress=progress)
@@ -204,7 +206,7 @@ def _by_output_error(
     rivals = _rivals(refits, chosen)
     removed = 0.0 if chosen is None else checks[chosen.addition.label].removed
     ties = (tuple(r.addition.label for r in rivals),) if rivals else ()
-    diagnosis = Diagnosis(
+    return Diagnosis(
         _outcome(chosen, removed, rivals, fit, noise, experiment),
         ranking,
         ties,
@@ -212,8 +214,8 @@ def _by_output_error(
         checks,
         {**scanned.skipped, **failed},
         _next_experiment(rivals, progress),
+        refits=refits,
     )
-    return diagnosis, refits
 
 
 def _shortlist(scored: Sequence[Scored]) -> list[Scored]:

@@ -12,10 +12,10 @@ from fmus.sources import ModelicaSource
 from foundation.errors import DivergenceError
 from foundation.progress import Progress, silent
 from identification.comparison import Comparison, compare
+from identification.discovery.climb import Rung, climb
 from identification.discovery.crossvalidation import Verdict
-from identification.discovery.diagnosis import Diagnosis, Outcome, diagnose
+from identification.discovery.diagnosis import Diagnosis, Outcome
 from identification.discovery.extension import Addition, ExtendedModel, extend
-from identification.discovery.superfluous import without_superfluous
 from identification.discovery.transfer import transfer_problem
 from identification.estimators.start import best_start
 from identification.experiment import Experiment
@@ -81,17 +81,6 @@ class Improvement:
         return self.steps[-1].model.additions
 
 
-@dataclass(frozen=True)
-class _Rung:
-    model: ExtendedModel
-    experiment: Experiment
-    fit: Fit
-    added: Addition | None
-    removed: tuple[Addition, ...]
-    verdict: Verdict | None
-    diagnosis: Diagnosis
-
-
 def improve(
     source: ModelicaSource,
     problem: Problem | Sequence[Problem],
@@ -124,23 +113,7 @@ def improve(
     experiment = Experiment.together(problems)
     progress(f"fitting {source.short_name}")
     fit = experiment.fit_stages(best_start(experiment).values)[-1]
-    rungs: list[_Rung] = []
-    added: Addition | None = None
-    removed: tuple[Addition, ...] = ()
-    verdict: Verdict | None = None
-    while True:
-        diagnosis = diagnose(model, experiment, fit, progress=progress)
-        rungs.append(_Rung(model, experiment, fit, added, removed, verdict, diagnosis))
-        # What goes may come again: the number of steps is bounded too.
-        full = len(model.additions) >= max_effects or len(rungs) > 2 * max_effects
-        if diagnosis.chosen is None or full:
-            break
-        chosen = diagnosis.chosen
-        progress(f"adding {chosen.addition.label}")
-        added, verdict = chosen.addition, diagnosis.checks[chosen.addition.label]
-        progress("testing again what was added before")
-        slim = without_superfluous(chosen.model, chosen.experiment, chosen.fit, experiment.noise())
-        model, experiment, fit, removed = slim.model, slim.experiment, slim.fit, slim.removed
+    rungs = climb(model, experiment, fit, max_effects=max_effects, progress=progress)
     progress("scoring all steps, the unseen record for the first time")
     last = rungs[-1]
     if horizon == "auto":
@@ -158,7 +131,7 @@ def improve(
 
 
 def _score(
-    rungs: list[_Rung], problem: Problem, holdout: Problem | None, horizon: float | None
+    rungs: list[Rung], problem: Problem, holdout: Problem | None, horizon: float | None
 ) -> tuple[Step, ...]:
     steps: list[Step] = []
     user = rungs[0].model
@@ -208,7 +181,7 @@ def _score(
     return tuple(steps)
 
 
-def _further(rung: _Rung, fit: Fit, horizon: float | None) -> Iterator[Comparison]:
+def _further(rung: Rung, fit: Fit, horizon: float | None) -> Iterator[Comparison]:
     """Compare with the further fitted records."""
     predictions = _predictions(rung.experiment, fit, horizon)
     for record, found in zip(rung.experiment.records, predictions, strict=True):
@@ -216,7 +189,7 @@ def _further(rung: _Rung, fit: Fit, horizon: float | None) -> Iterator[Compariso
             yield compare(record.problem, record.shooting, found, user_name=rung.model.user_name)
 
 
-def _best_stage(rung: _Rung, horizon: float | None, *, whole: bool) -> tuple[Fit, Prediction]:
+def _best_stage(rung: Rung, horizon: float | None, *, whole: bool) -> tuple[Fit, Prediction]:
     """Return the fit that predicts the fitted records best at the horizon, and the first of them.
 
     Windows of growing length are fitted, and the best fit is kept. The free simulation itself is
@@ -257,7 +230,7 @@ def _predictions(experiment: Experiment, fit: Fit, horizon: float | None) -> Ite
         yield record.predict(fit.values, horizon, sd=fit.sd[k * ny :])
 
 
-def fitted_model(rung: _Rung, fit: Fit, x0: Vector, number: int) -> ExtendedModel:
+def fitted_model(rung: Rung, fit: Fit, x0: Vector, number: int) -> ExtendedModel:
     """Write a rung's model with its fitted parameters and starts as defaults."""
     model = rung.model
     additions = list(model.additions)
