@@ -8,6 +8,7 @@ the force that is usual there; a size multiplies it. Signal laws get the signal 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,8 +16,8 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 ForceLaw = Callable[[Array, Array, Array, float], Array]
 """(position, speed, time, speed below which dry friction turns round) → force."""
-SignalLaw = Callable[[Array, float], Array]
-"""(signal, size) → signal."""
+SignalLaw = Callable[[Array, Any], Array]
+"""(signal, size, a number or one a lane) → signal."""
 
 
 def _sign(v: Array, width: float) -> Array:
@@ -62,11 +63,11 @@ UNKNOWN_FORCES: Mapping[str, ForceLaw] = {
 """Laws that are in no library."""
 
 
-def _dead_zone(u: Array, size: float) -> Array:
+def _dead_zone(u: Array, size: Any) -> Array:
     return u - size * np.tanh(u / size)
 
 
-def _saturation(u: Array, size: float) -> Array:
+def _saturation(u: Array, size: Any) -> Array:
     # A corner rounder than the library's.
     return u / (1 + np.abs(u / size) ** 8) ** (1 / 8)
 

@@ -112,20 +112,12 @@ def _nats(case: Case, plant: Plant, parameters: Mapping[str, float], run: Run) -
     """Return what the record shows of what is hidden; of two, of the one that shows less."""
     if not case.hidden:
         return 0.0
-    if len(case.hidden) == 1:
-        return log_likelihood_ratio(plant, parameters, run, case.noise)
-    alone = (
-        simulate(
-            plant,
-            parameters,
-            [one],
-            excitation=case.excitation,
-            noise=case.noise,
-            seed=case.seed,
+    return min(
+        log_likelihood_ratio(
+            plant, parameters, run, case.noise, [e for e in case.hidden if e is not one]
         )
         for one in case.hidden
     )
-    return min(log_likelihood_ratio(plant, parameters, r, case.noise) for r in alone)
 
 
 def _diagnosed(

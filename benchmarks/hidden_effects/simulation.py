@@ -165,19 +165,25 @@ def _step(
     t: float,
     h: float,
 ) -> Array:
+    sizes = [np.array([e.size]) for e in at_flange]
+
     def rates(t: float, x: Array) -> Array:
-        force: dict[str, Array] = {}
-        for e in at_flange:
-            f = plant.flanges[e.place]
-            law = FORCES.get(e.effect) or UNKNOWN_FORCES[e.effect]
-            z, v = x[f.position] / f.position_scale, x[f.speed] / f.speed_scale
-            added = (
-                e.size * f.force_scale * law(z, v, np.full_like(z, t), f.reversal / f.speed_scale)
-            )
-            force[e.place] = force.get(e.place, 0.0) + added
-        return plant.rates(x, u, parameters, force)
+        return plant.rates(x, u, parameters, _forces(plant, at_flange, sizes, x, t))
 
     return _runge_kutta(rates, t, x, h)
+
+
+def _forces(
+    plant: Plant, at_flange: Sequence[Hidden], sizes: Sequence[Array], x: Array, t: float
+) -> dict[str, Array]:
+    force: dict[str, Array] = {}
+    for e, size in zip(at_flange, sizes, strict=True):
+        f = plant.flanges[e.place]
+        law = FORCES.get(e.effect) or UNKNOWN_FORCES[e.effect]
+        z, v = x[f.position] / f.position_scale, x[f.speed] / f.speed_scale
+        added = size * f.force_scale * law(z, v, np.full_like(z, t), f.reversal / f.speed_scale)
+        force[e.place] = force.get(e.place, 0.0) + added
+    return force
 
 
 def _runge_kutta(rates, t: float, x: Array, h: float) -> Array:
@@ -193,23 +199,38 @@ def windows(
     parameters: Mapping[str, Array],
     x0: Array,
     commands: Array,
+    known: Mapping[Hidden, Array] | None = None,
 ) -> Array:
-    """Simulate many windows of the bare machine at once.
+    """Simulate many windows at once.
 
     Args:
         parameters: (lanes,) each.
         x0: (nx, lanes).
         commands: (n, lanes), held over each sample.
+        known: Effects without a memory that the machine has, at flanges or at the input, and their
+            (lanes,) sizes.
 
     Returns:
         (n, nx, lanes).
     """
+    there = known or {}
+    at_flange = [e for e in there if e.place in plant.flanges]
+    sizes = [there[e] for e in at_flange]
+    at_input = [e for e in there if e.place not in plant.flanges]
     x, out = x0.copy(), np.zeros((len(commands), *x0.shape))
-    h = SAMPLE / 2
-    for k, u in enumerate(commands):
+    h = SAMPLE / _SUBSTEPS
+    for k, sent in enumerate(commands):
         out[k] = x
-        for _ in range(2):
-            x = _runge_kutta(lambda _, s, u=u: plant.rates(s, u, parameters, {}), 0.0, x, h)
+        u = sent
+        for e in at_input:
+            law = INPUTS[e.effect][0]
+            u = law(u / plant.command_scale, there[e]) * plant.command_scale
+
+        def rates(t: float, s: Array, u: Array = u) -> Array:
+            return plant.rates(s, u, parameters, _forces(plant, at_flange, sizes, s, t))
+
+        for i in range(_SUBSTEPS):
+            x = _runge_kutta(rates, k * SAMPLE + i * h, x, h)
     return out
 
 
