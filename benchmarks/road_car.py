@@ -23,7 +23,7 @@ JOURNEY = Journey(
     "pulses, which have no sign, and the car drives backwards for ten seconds. Wheelbase and "
     "steering ratio are a guess that the fit may not touch: what is wrong with them must be found.",
     free=(),
-    max_effects=3,
+    max_effects=5,
 )
 
 

@@ -1,21 +1,23 @@
-"""The search, step by step, and the detour where a law may stand for two simpler ones.
+"""The search, step by step, and the detours where a step may have been a wrong one.
 
 A law with several parameters bends to whatever it is shown. Dry friction and drag at one joint look
 like a Stribeck curve as wide as the speed range, which explains a little more than either alone and
-is taken first; what is left then fits neither. Where a law with fewer parameters explained nearly
-as much, the climb is therefore tried again from there, and the model at the top decides.
+is taken first; what is left then fits neither. And what one step does not tell apart, the next ones
+may. Where a law with fewer parameters explained nearly as much, or where a tie led nowhere, the
+climb is therefore tried again from there, and the model at the top decides.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import islice
 
 import numpy as np
 
 from identification.discovery.crossvalidation import Verdict, crossvalidate
-from identification.discovery.diagnosis import TIE, Diagnosis, diagnose
-from identification.discovery.evidence import Refit, independent_of_all, log_gain
+from identification.discovery.diagnosis import TIE, Diagnosis, Outcome, diagnose
+from identification.discovery.evidence import Refit, independent_of_all, log_gain, price
 from identification.discovery.extension import Addition, ExtendedModel
 from identification.discovery.superfluous import without_superfluous
 from identification.experiment import Experiment
@@ -64,14 +66,23 @@ def climb(
         progress: Told what is being done.
     """
     diagnosis = diagnose(model, experiment, fit, progress=progress)
-    rungs = [Rung(model, experiment, fit, None, (), None, diagnosis)]
-    while (chosen := rungs[-1].diagnosis.chosen) is not None and _has_room(rungs, max_effects):
-        rungs.append(_up(rungs[-1], chosen, progress))
-    for k in range(len(rungs) - 1):
-        other = _detour(rungs[: k + 1], max_effects, progress)
-        if other and _is_better(other[-1], rungs[-1]):
-            return other
+    rungs = _straight(
+        [Rung(model, experiment, fit, None, (), None, diagnosis)], max_effects, progress
+    )
+    for below in [rungs[: k + 1] for k in range(len(rungs) - 1)]:
+        for rival in _rivals(below[-1].diagnosis, rungs[-1].diagnosis.outcome):
+            other = _detour(below, rival, max_effects, progress)
+            if other and _is_better(other[-1], rungs[-1]):
+                return _straight(other, max_effects, progress)
     return rungs
+
+
+def _straight(rungs: Sequence[Rung], max_effects: int, progress: Progress) -> list[Rung]:
+    """Go on with what each diagnosis chooses."""
+    up = list(rungs)
+    while (chosen := up[-1].diagnosis.chosen) is not None and _has_room(up, max_effects):
+        up.append(_up(up[-1], chosen, progress))
+    return up
 
 
 def _has_room(rungs: Sequence[Rung], max_effects: int) -> bool:
@@ -92,58 +103,78 @@ def _up(below: Rung, chosen: Refit, progress: Progress) -> Rung:
     )
 
 
-def _detour(rungs: Sequence[Rung], max_effects: int, progress: Progress) -> list[Rung]:
-    """Climb from a rung by a simpler law than the one that was chosen there; empty if none is."""
-    below = rungs[-1]
-    chosen = below.diagnosis.chosen
+def _detour(
+    rungs: Sequence[Rung], rival: Refit, max_effects: int, progress: Progress
+) -> list[Rung]:
+    """Climb from a rung by a rival of what was chosen there, and without that.
+
+    Returns:
+        All rungs from the first; none if nothing on the way is let in.
+    """
+    other = list(rungs)
+    chosen = rungs[-1].diagnosis.chosen
     assert chosen is not None
-    rival = _simpler(below.diagnosis, chosen)
-    if rival is None:
-        return []
-    label = rival.addition.label
-    progress(f"trying {label} instead of {chosen.addition.label}")
-    found = below.diagnosis
+    shunned = chosen.addition.label
+    progress(f"trying {rival.addition.label} instead of {shunned}")
+    then: Refit | None = rival
+    while then is not None and _has_room(other, max_effects):
+        below = _letting_in(other[-1], then)
+        if below is None:
+            break
+        other[-1] = below
+        other.append(_up(below, then, progress))
+        then = other[-1].diagnosis.chosen
+        if then is not None and then.addition.label == shunned:
+            near = _NEARLY * then.evidence
+            refits = other[-1].diagnosis.refits
+            then = next((r for r in refits if r is not then and r.evidence >= near), None)
+    return other if len(other) > len(rungs) else []
+
+
+def _letting_in(rung: Rung, candidate: Refit) -> Rung | None:
+    """Return the rung with a candidate's cross-validation among its checks; None if it fails."""
+    found, label = rung.diagnosis, candidate.addition.label
     verdict = found.checks.get(label) or crossvalidate(
-        below.experiment,
-        below.fit,
-        rival.experiment,
-        rival.fit,
-        below.experiment.noise(),
-        independent=rival.independent,
+        rung.experiment,
+        rung.fit,
+        candidate.experiment,
+        candidate.fit,
+        rung.experiment.noise(),
+        independent=candidate.independent,
         tried=len(found.refits),
     )
-    if not verdict.accepted:
-        return []
-    below = replace(below, diagnosis=replace(found, checks={**found.checks, label: verdict}))
-    other = [*rungs[:-1], below, _up(below, rival, progress)]
-    while (then := other[-1].diagnosis.chosen) is not None and _has_room(other, max_effects):
-        if then.addition.label == chosen.addition.label:
-            # Back on the way from which this one left.
-            return []
-        other.append(_up(other[-1], then, progress))
-    return other
+    checks = {**found.checks, label: verdict}
+    return replace(rung, diagnosis=replace(found, checks=checks)) if verdict.accepted else None
 
 
-def _simpler(diagnosis: Diagnosis, chosen: Refit) -> Refit | None:
-    """Return the best candidate with fewer parameters that explains nearly as much."""
-    size, evidence = len(chosen.addition.values), chosen.evidence
-    rivals = (
+def _rivals(diagnosis: Diagnosis, end: Outcome) -> Iterator[Refit]:
+    """Yield what may have been the better step.
+
+    Args:
+        diagnosis: Of the rung from which the step went.
+        end: Where the steps led.
+    """
+    chosen = diagnosis.chosen
+    assert chosen is not None
+    size = len(chosen.addition.values)
+    simpler = (
         r
         for r in diagnosis.refits
-        if len(r.addition.values) < size and r.evidence >= _NEARLY * evidence
+        if len(r.addition.values) < size and r.evidence >= _NEARLY * chosen.evidence
     )
-    return next(rivals, None)
+    yield from islice(simpler, 1)
+    if end is not Outcome.COMPLETE:
+        tied = {label for tie in diagnosis.ties for label in tie}
+        yield from (
+            r
+            for r in diagnosis.refits
+            if r is not chosen and r.addition.label in tied and len(r.addition.values) == size
+        )
 
 
 def _is_better(other: Rung, one: Rung) -> bool:
-    """Whether a model has the larger merit by more than chance (Bayesian criterion)."""
-    gain = log_gain(one.fit, other.fit)[0]
+    """Whether a model has the larger merit, by more than chance."""
     independent = independent_of_all(other.experiment, other.fit)
-    ny = len(other.experiment.problem.output_names)
-    samples = float(np.max(np.sum(independent.reshape(-1, ny), axis=0)))
-    more = _size(other.model) - _size(one.model)
-    return float(np.sum(independent * gain)) - 0.5 * more * np.log(samples) > TIE
-
-
-def _size(model: ExtendedModel) -> int:
-    return sum(len(addition.values) for addition in model.additions)
+    gain = float(np.sum(independent * log_gain(one.fit, other.fit)[0]))
+    prices = [price(r.model.additions, r.experiment, r.fit, independent) for r in (other, one)]
+    return gain - (prices[0] - prices[1]) > TIE

@@ -102,16 +102,31 @@ def _by_one_measure(refits: Sequence[Refit]) -> list[Refit]:
 
 def _measured(refit: Refit, independent: Vector) -> Refit:
     evidence = float(np.sum(independent * refit.gain))
-    ny = len(refit.experiment.problem.output_names)
+    merit = evidence - price([refit.addition], refit.experiment, refit.fit, independent)
+    if refit.at_bound:
+        merit *= _UNFOUND_SHAPE
+    return replace(refit, evidence=evidence, merit=merit)
+
+
+def price(
+    additions: Sequence[Addition], experiment: Experiment, fit: Fit, independent: Vector
+) -> float:
+    """Return what the freedom of effects costs [nats] (Bayesian information criterion).
+
+    Args:
+        additions: The effects.
+        experiment, fit: A model with these effects, and its fit.
+        independent: (channels of all records,) independent samples.
+    """
+    ny = len(experiment.problem.output_names)
     samples = float(np.max(np.sum(independent.reshape(-1, ny), axis=0)))
-    price = 0.5 * len(refit.addition.values) * np.log(samples)
     # A state of its own is free at the start of every window, but for a sensor's, which follows: as
     # many numbers more, each with the samples of its window.
-    windows = len(refit.fit.x0)
-    states = 0 if refit.addition.place.kind == "output" else refit.addition.effect.states
-    price += 0.5 * states * windows * np.log(max(samples / windows, 1.0))
-    merit = float(evidence - price) * (_UNFOUND_SHAPE if refit.at_bound else 1.0)
-    return replace(refit, evidence=evidence, merit=merit)
+    windows = len(fit.x0)
+    parameters = sum(len(a.values) for a in additions)
+    states = sum(a.effect.states for a in additions if a.place.kind != "output")
+    each = float(np.log(max(samples / windows, 1.0)))
+    return 0.5 * (parameters * float(np.log(samples)) + states * windows * each)
 
 
 def _refit_or_reason(
