@@ -192,7 +192,8 @@ class Shooting:
         # measured input is the lines through its samples.)
         samples = np.arange(len(inputs), dtype=float)
         operands = _delay_operands(self.model)
-        signals = np.asarray(operands(inputs.T, np.tile(p[:, None], len(inputs)))[0]).T
+        # One column of parameters serves every sample: repeated here, it takes 50 times as long.
+        signals = np.asarray(operands(inputs.T, p)[0]).T
         durations = np.asarray(operands(np.zeros(inputs.shape[1]), p)[1]).ravel()
         for k, duration in enumerate(durations):
             signal = signals[:, k]

@@ -11,7 +11,7 @@ lacks nothing.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,7 +20,7 @@ from scipy import stats
 from identification.discovery.crossvalidation import LARGEST_CHANCE, Verdict
 from identification.discovery.evidence import Refit
 from identification.discovery.extension import Addition, ExtendedModel, extend
-from identification.discovery.scan import candidates
+from identification.discovery.scan import candidates, groups
 from identification.discovery.transfer import flat_name, transfer_problem
 from identification.estimators.kalman import most_likely
 from identification.experiment import Experiment
@@ -149,6 +149,14 @@ def _scan(
         # A filter or delay at a sensor has a state of its own whose start the data must tell.
         if a.label not in have and not (a.place.kind == "output" and a.effect.has_memory)
     ]
+    scored = (_score_group(model, problem, base, group) for group in groups(wanted))
+    return sorted((row for rows in scored for row in rows), key=lambda row: -row[1])
+
+
+def _score_group(
+    model: ExtendedModel, problem: Problem, base: Maximum, wanted: Sequence[Addition]
+) -> list[tuple[Addition, float, dict[str, float]]]:
+    """Attach a group of candidates, absent, and score each."""
     whole = extend(
         model.base,
         [*model.additions, *wanted],
@@ -188,7 +196,7 @@ def _scan(
         gain = float(inside @ score - 0.5 * inside @ information @ inside)
         predicted = dict(zip(addition.effect.main_parameters, inside.tolist(), strict=True))
         found.append((addition, gain, predicted))
-    return sorted(found, key=lambda row: -row[1])
+    return found
 
 
 def _refit(

@@ -111,14 +111,14 @@ def scan(
     wanted = [a for a in _fitting(model.base, measured) if a.label not in have]
     testable, skipped = _testable(wanted, model.additions)
     with ThreadPoolExecutor(_WORKERS) as pool:
-        groups = _groups(testable)
-        scored = pool.map(partial(score_group, model, experiment, fit), groups)
+        parted = groups(testable)
+        scored = pool.map(partial(score_group, model, experiment, fit), parted)
         text = "scoring every effect at every place"
-        every = [one for group in counted(progress, text, scored, len(groups)) for one in group]
+        every = [one for group in counted(progress, text, scored, len(parted)) for one in group]
     return Scan(tuple(sorted(every, key=lambda s: -s.gain)), skipped)
 
 
-def _groups(testable: Sequence[Addition]) -> list[list[Addition]]:
+def groups(testable: Sequence[Addition]) -> list[list[Addition]]:
     """Split candidates so that no group brings many states of its own.
 
     A step costs the square of the states times the sensitivities, and absent candidates do not act
@@ -126,15 +126,15 @@ def _groups(testable: Sequence[Addition]) -> list[list[Addition]]:
     """
     # Signals that outputs delay are further outputs: these candidates are apart, too.
     late = [a for a in testable if a.effect.delays and a.place.kind == "output"]
-    groups = [[a for a in testable if not a.effect.states and a not in late], late]
+    found = [[a for a in testable if not a.effect.states and a not in late], late]
     states = _STATES_AT_ONCE
     for addition in (a for a in testable if a.effect.states and a not in late):
         states += addition.effect.states
         if states > _STATES_AT_ONCE:
-            groups.append([])
+            found.append([])
             states = addition.effect.states
-        groups[-1].append(addition)
-    return [group for group in groups if group]
+        found[-1].append(addition)
+    return [group for group in found if group]
 
 
 def score_group(
