@@ -37,11 +37,13 @@ class Experiment:
         problem: Model and record.
         shooting: The model, with sensitivities of the free parameters.
         also: Further records of the same machine, which are fitted at once with this one.
+        window: Length of the windows that are fitted [s].
     """
 
     problem: Problem
     shooting: Simulator
     also: tuple[Experiment, ...] = ()
+    window: float = WINDOW
 
     @classmethod
     def of(cls, problem: Problem, *, through_fmi: bool = False) -> Experiment:
@@ -91,9 +93,15 @@ class Experiment:
         """Of every record."""
         return tuple(e.problem for e in self.records)
 
-    def parts(self, seconds: float = WINDOW) -> list[Part]:
-        """Return every record, cut into windows to fit."""
-        return [Part(e.problem, e.shooting, e.cut(seconds)) for e in self.records]
+    def parts(self, seconds: float | None = None) -> list[Part]:
+        """Return every record, cut into windows to fit, or of another length [s]."""
+        length = self.window if seconds is None else seconds
+        return [Part(e.problem, e.shooting, e.cut(length)) for e in self.records]
+
+    def lasting(self, seconds: float) -> Experiment:
+        """Return the same experiment with windows of another length [s]."""
+        also = tuple(other.lasting(seconds) for other in self.also)
+        return replace(self, window=seconds, also=also)
 
     def fit(
         self,
@@ -104,7 +112,7 @@ class Experiment:
         fixed_sd: Vector | None = None,
         iterations: int = ITERATIONS,
     ) -> Fit:
-        """Fit all records over windows of `WINDOW` seconds (see `gauss_newton.fit_together`)."""
+        """Fit all records over their windows (see `gauss_newton.fit_together`)."""
         return fit_together(
             self.parts(), x0, values, free=free, fixed_sd=fixed_sd, iterations=iterations
         )
@@ -115,8 +123,8 @@ class Experiment:
 
     @cached_property
     def windows(self) -> tuple[Window, ...]:
-        """The record in windows of `WINDOW` seconds, or as long as it is."""
-        return self.cut(WINDOW)
+        """The record in windows to fit, or as long as it is."""
+        return self.cut(self.window)
 
     @property
     def short(self) -> float | None:
@@ -143,14 +151,40 @@ class Experiment:
         values: Mapping[str, float] | None = None,
         *,
         fixed_sd: Vector | None = None,
-        stages: Sequence[float] = STAGES,
+        stages: Sequence[float] | None = None,
     ) -> tuple[Fit, ...]:
         """Fit with windows of growing length, each stage from the one before.
+
+        Args:
+            values: To start from; what is not given is the first problem's.
+            fixed_sd: (channels of all records,) weights.
+            stages: Window lengths as shares of `WINDOW`; default: up to this experiment's own.
 
         Raises:
             DivergenceError: No stage stayed finite.
         """
+        if stages is None:
+            stages = [s for s in STAGES if s * WINDOW <= self.window] or STAGES[:1]
         return fit_stages(self.records, values, fixed_sd=fixed_sd, stages=stages)
+
+    def followed(self, values: Mapping[str, float]) -> tuple[Experiment, Fit]:
+        """Fit with windows of growing length, up to the longest over which a fit converges.
+
+        An unstable machine's model that lacks something is carried off within a second, and what it
+        lacks no longer shows in where it ends: there the fit finds no way down, and shorter windows
+        are kept.
+
+        Returns:
+            The experiment with these windows, and its fit.
+
+        Raises:
+            DivergenceError: No stage stayed finite.
+        """
+        fits = self.fit_stages(values, stages=STAGES)
+        kept = next((f for f in reversed(fits) if f.converged), fits[-1])
+        lengths = [self.lasting(share * WINDOW) for share in STAGES]
+        same = [e for e in lengths if sum(len(r.windows) for r in e.records) == len(kept.x0)]
+        return same[-1], kept
 
     def predict(
         self,
@@ -171,7 +205,7 @@ class Experiment:
 
     def on(self, problem: Problem) -> Experiment:
         """Return the same compiled model on another record."""
-        return Experiment(problem, self.shooting)
+        return Experiment(problem, self.shooting, window=self.window)
 
     def beside(self, problem: Problem) -> Experiment:
         """Return another record of the same machine, with a model of its own if it needs one.

@@ -275,7 +275,7 @@ def diagnose(
     _refuse_copies(recordings, problems)
     experiment = Experiment.together(problems)
     progress("fitting the model as it is")
-    fit = experiment.fit_stages(best_start(experiment).values)[-1]
+    experiment, fit = experiment.followed(best_start(experiment).values)
     found = discovery.diagnose(write_extension(source, []), experiment, fit, progress=progress)
     records: list[FittedRecord] = []
     ny = len(problems[0].output_names)

@@ -22,6 +22,7 @@ from identification.discovery.extension import Addition, ExtendedModel
 from identification.discovery.superfluous import without_superfluous
 from identification.experiment import Experiment
 from identification.gauss_newton import Fit
+from identification.prediction import WINDOW
 
 Progress = Callable[[str], None]
 
@@ -97,10 +98,12 @@ def _up(below: Rung, chosen: Refit, progress: Progress) -> Rung:
     progress("testing again what was added before")
     noise = below.experiment.noise()
     slim = without_superfluous(chosen.model, chosen.experiment, chosen.fit, noise)
-    diagnosis = diagnose(slim.model, slim.experiment, slim.fit, progress=progress)
-    return Rung(
-        slim.model, slim.experiment, slim.fit, chosen.addition, slim.removed, verdict, diagnosis
-    )
+    experiment, fit = slim.experiment, slim.fit
+    if experiment.window < WINDOW:
+        # A better model may follow longer windows, which show more.
+        experiment, fit = experiment.followed(fit.values)
+    diagnosis = diagnose(slim.model, experiment, fit, progress=progress)
+    return Rung(slim.model, experiment, fit, chosen.addition, slim.removed, verdict, diagnosis)
 
 
 def _detour(
@@ -173,7 +176,9 @@ def _rivals(diagnosis: Diagnosis, end: Outcome) -> Iterator[Refit]:
 
 
 def _is_better(other: Rung, one: Rung) -> bool:
-    """Whether a model has the larger merit, by more than chance."""
+    """Whether a model follows longer windows, or has the larger merit by more than chance."""
+    if other.experiment.window != one.experiment.window:
+        return other.experiment.window > one.experiment.window
     independent = independent_of_all(other.experiment, other.fit)
     gain = float(np.sum(independent * log_gain(one.fit, other.fit)[0]))
     prices = [price(r.model.additions, r.experiment, r.fit, independent) for r in (other, one)]

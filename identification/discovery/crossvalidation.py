@@ -106,7 +106,7 @@ def crossvalidate(
 
     verdict = judge(CV_WINDOW)
     if verdict.chance <= LARGEST_CHANCE and 0 < verdict.removed < _SMALLEST_SHARE:
-        longer = judge(WINDOW)
+        longer = judge(smaller.window)
         return longer if longer.accepted else verdict
     return verdict
 

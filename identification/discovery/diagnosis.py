@@ -119,7 +119,7 @@ def diagnose(
     Args:
         model: The present model.
         experiment: That model on the record.
-        fit: Its fit over `WINDOW`-second windows.
+        fit: Its fit over the experiment's windows.
         progress: Told what is being done.
     """
     found = _by_output_error(model, experiment, fit, progress)

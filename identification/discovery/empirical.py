@@ -114,7 +114,7 @@ def _over_record(
     problem = problems[0]
     watched = bigger.parameter_of(addition, variable_of(addition.effect, model.base).name)
     shooting = Shooting.of(problem, (), watched=(watched,), briefly=True)
-    larger = Experiment(problem, shooting)
+    larger = Experiment(problem, shooting, window=experiment.window)
     larger = replace(larger, also=tuple(larger.on(other) for other in problems[1:]))
     x0 = transfer_all_states(larger, bigger, experiment, model, fit.x0)
     tracks: list[Matrix] = []

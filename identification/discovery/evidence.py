@@ -152,9 +152,8 @@ def refit(model: ExtendedModel, experiment: Experiment, base: Fit, scored: Score
         bigger.parameter_of(addition, p): value
         for p, value in zip(addition.effect.main_parameters, scored.values.values(), strict=True)
     }
-    larger = Experiment.together(
-        transfer_problems(experiment, bigger, base.values, model, added=predicted)
-    )
+    problems = transfer_problems(experiment, bigger, base.values, model, added=predicted)
+    larger = Experiment.together(problems).lasting(experiment.window)
     starts = [predicted]
     nominal = {
         bigger.parameter_of(addition, v.name): bigger.dae.number(v.nominal, 1.0)

@@ -275,7 +275,7 @@ def adopt(
     problem = transfer_problem(experiment.problem, second.model, mine, model)
     values = {name: second.maximum.values[name] for name in problem.values}
     problem = problem.with_values(values)
-    larger = Experiment.of(problem)
+    larger = Experiment.of(problem).lasting(experiment.window)
     windows = experiment.windows
     at = fit_windows(
         problem, larger.shooting, windows, larger.guess(windows), values, free=(), fixed_sd=fit.sd

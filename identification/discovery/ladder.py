@@ -112,7 +112,7 @@ def improve(
     problem = problems[0]
     experiment = Experiment.together(problems)
     progress(f"fitting {source.short_name}")
-    fit = experiment.fit_stages(best_start(experiment).values)[-1]
+    experiment, fit = experiment.followed(best_start(experiment).values)
     rungs = climb(model, experiment, fit, max_effects=max_effects, progress=progress)
     progress("scoring all steps, the unseen record for the first time")
     last = rungs[-1]

@@ -152,7 +152,8 @@ def score_group(
     sensitive = [*base_names, *(name for _, names in mains for name in names)]
     problems = transfer_problems(experiment, whole, fit.values, model)
     whole_problem = problems[0]
-    attached = Experiment(whole_problem, simulator_of(whole_problem, sensitive, briefly=True))
+    simulator = simulator_of(whole_problem, sensitive, briefly=True)
+    attached = Experiment(whole_problem, simulator, window=experiment.window)
     attached = replace(attached, also=tuple(attached.beside(p) for p in problems[1:]))
     x0 = transfer_all_states(attached, whole, experiment, model, fit.x0)
     at = linearise_all(attached.parts(), x0, whole_problem.values, fit.sd)

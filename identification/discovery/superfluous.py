@@ -58,7 +58,8 @@ def _without(whole: Slimmer, addition: Addition) -> Slimmer:
     old, experiment = whole.model, whole.experiment
     rest = [a for a in old.additions if a.label != addition.label]
     model = extend(old.base, rest, values=old.values)
-    smaller = Experiment.together(transfer_problems(experiment, model, whole.fit.values, old))
+    problems = transfer_problems(experiment, model, whole.fit.values, old)
+    smaller = Experiment.together(problems).lasting(experiment.window)
     x0 = transfer_all_states(smaller, model, experiment, old, whole.fit.x0)
     return Slimmer(model, smaller, smaller.fit(x0, smaller.problem.values))
 
