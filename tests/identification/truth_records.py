@@ -41,9 +41,9 @@ def held(rates, start, inputs, step, *, rtol=1e-11, atol=1e-13):
     return states
 
 
-def pendulum_rates(J=0.185, mgl=3.61, d=0.006, coulomb=0.0):
+def pendulum_rates(J=0.185, mgl=3.61, d=0.006, coulomb=0.0, drag=0.0):
     def rates(_, x, torque):
-        friction = d * x[1] + coulomb * np.tanh(x[1] / 0.05)
+        friction = d * x[1] + coulomb * np.tanh(x[1] / 0.05) + drag * x[1] * abs(x[1])
         return [x[1], (torque - mgl * np.sin(x[0]) - friction) / J]
 
     return rates
