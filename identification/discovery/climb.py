@@ -9,12 +9,13 @@ climb is therefore tried again from there, and the model at the top decides.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
 
 import numpy as np
 
+from foundation.progress import Progress, silent
 from identification.discovery.crossvalidation import Verdict, crossvalidate
 from identification.discovery.diagnosis import TIE, Diagnosis, Outcome, diagnose
 from identification.discovery.evidence import Refit, independent_of_all, log_gain, price
@@ -23,8 +24,6 @@ from identification.discovery.superfluous import without_superfluous
 from identification.experiment import Experiment
 from identification.gauss_newton import Fit
 from identification.prediction import WINDOW
-
-Progress = Callable[[str], None]
 
 # A simpler law with less than this share of the chosen one's evidence is no rival.
 _NEARLY = 0.5
@@ -57,7 +56,7 @@ def climb(
     fit: Fit,
     *,
     max_effects: int,
-    progress: Progress = lambda _: None,
+    progress: Progress = silent,
 ) -> list[Rung]:
     """Add effect after effect until nothing is missing, or nothing can be named.
 

@@ -5,6 +5,7 @@ from functools import cache
 import pytest
 import truth_records as truth
 
+from foundation.progress import Spoken
 from identification.discovery.climb import climb
 from identification.discovery.diagnosis import Outcome
 from identification.discovery.extension import extend
@@ -26,7 +27,7 @@ def climbed(max_effects):
     said: list[str] = []
     experiment, fit = Experiment.of(record).followed(record.values)
     model = extend(truth.library("Pendulum"), [])
-    rungs = climb(model, experiment, fit, max_effects=max_effects, progress=said.append)
+    rungs = climb(model, experiment, fit, max_effects=max_effects, progress=Spoken(said.append))
     return rungs, said
 
 
