@@ -14,7 +14,8 @@ Two tests, either suffices. The paired t-test over windows holds whatever the re
 effect that acts only now and then (friction near standstill) gains much in few windows, which that
 test takes for outliers; there the likelihood of the unseen windows decides, counted in independent
 samples. A ratio of likelihoods of unseen data exceeds c with a probability of at most 1/c; with
-variances estimated from the same windows this holds approximately.
+variances estimated from the same windows this holds approximately, and only where these are many
+samples a window: a slow disturbance leaves one or two, and then the windows are asked alone.
 
 An FMU of which no state can be set cannot begin a window. It runs through the whole record instead,
 and the samples of a block are left out of what is fitted.
@@ -42,6 +43,7 @@ LARGEST_CHANCE = 0.01
 _SMALLEST_SHARE = 0.05
 _FEWEST_WINDOWS = 10
 _BLOCKS = 20  # of a record that is run through as a whole
+_FEWEST_IN_WINDOW = 5.0
 # No block may speak against an effect by more than this [nats], or this share of what all say.
 _AGAINST = 1.0
 _SHARE_AGAINST = 0.1
@@ -245,7 +247,7 @@ def _judge(
     gained = float(np.mean(difference))
     t = gained / max(spread, 1e-300)
     chance = float(stats.t.sf(t, len(difference) - 1))
-    if independent is not None:
+    if independent is not None and np.max(independent) >= _FEWEST_IN_WINDOW * len(before):
         chance = min(chance, float(np.exp(-_unseen_nats(before, after, independent))))
     chance = min(1.0, chance * max(tried, 1))
     # What was above the noise is what was gained and what is left. (Each window's initial state

@@ -192,7 +192,8 @@ def _by_output_error(
             candidate.fit,
             noise,
             independent=candidate.independent,
-            tried=len(refits),
+            # A shortlist was chosen by this very record: all that were scored were tries.
+            tried=len(scanned.scored),
         )
         checks[candidate.addition.label] = verdict
         if verdict.accepted:
