@@ -5,7 +5,13 @@ import pytest
 from matplotlib.figure import Figure
 from scipy.signal import TransferFunction, impulse
 
-from docs.reproduce import furuta_loop, furuta_pendulum, wheeled_pendulum
+from docs.reproduce import (
+    furuta_control,
+    furuta_identification,
+    furuta_loop,
+    furuta_report,
+    wheeled_pendulum,
+)
 from docs.reproduce.page import POINTS, Page, curve
 from examples import make_demo_recording as demo
 from tests.identification import furuta_truth as truth
@@ -56,27 +62,25 @@ def test_errors_of_figure_5(name):
 
 def test_linear_model_of_the_rotary_pendulum():
     """(5.4), and the poles of both setups to the fourth digit."""
-    A, B = furuta_pendulum.linear(0)
+    A, B = furuta_control.linear(0)
     np.testing.assert_allclose(A[1], [0, -6.1, 8.1, -0.021], rtol=0.012, atol=1e-12)
     np.testing.assert_allclose(A[3], [0, -4.7, 55.5, -0.14], rtol=0.02, atol=1e-12)
     np.testing.assert_allclose(B.ravel(), [0, 1.32, 0, 1.01], rtol=0.005)
     printed = (
-        (furuta_pendulum.K_1, [0.9868 + 0.0172j, 0.9372, 0.8731 + 0.3352j]),
-        (furuta_pendulum.K_2, [0.9885 + 0.0162j, 0.9186, 0.9093 + 0.2585j]),
+        (furuta_report.K_1, [0.9868 + 0.0172j, 0.9372, 0.8731 + 0.3352j]),
+        (furuta_report.K_2, [0.9885 + 0.0162j, 0.9186, 0.9093 + 0.2585j]),
     )
     for setup, (K, poles) in enumerate(printed):
-        Ai, Bi = furuta_pendulum.incremental(*furuta_pendulum.linear(setup))
+        Ai, Bi = furuta_control.incremental(*furuta_control.linear(setup))
         closed = np.linalg.eigvals(Ai - Bi @ np.array([K]))
         for pole in poles:
             assert np.min(np.abs(closed - pole)) < 4e-4
-        dirty = furuta_pendulum.dirty_poles(*furuta_pendulum.linear(setup), K)
+        dirty = furuta_control.dirty_poles(*furuta_control.linear(setup), K)
         assert np.abs(dirty).max() < 1
 
 
 def test_the_dirty_derivative_moves_the_fast_pair():
-    poles = furuta_pendulum.dirty_poles(
-        *furuta_pendulum.linear(0), (*furuta_pendulum.K_1[:4], 0.16)
-    )
+    poles = furuta_control.dirty_poles(*furuta_control.linear(0), (*furuta_report.K_1[:4], 0.16))
     assert np.min(np.abs(poles - (0.898 + 0.353j))) < 2e-3
 
 
@@ -92,7 +96,7 @@ def test_the_dirty_derivative_moves_the_fast_pair():
 def test_least_squares_as_published(stiction, with_u, expected):
     plant = truth.SETUP_1.sticky(stiction)
     record = truth.record(plant, truth.pulses(10.0, (0.5, 1.5, 50.0)), 1)
-    found = furuta_pendulum.least_squares(plant, record, with_u=with_u)
+    found = furuta_identification.least_squares(plant, record, with_u=with_u)
     np.testing.assert_allclose(found, expected, rtol=0.06)
 
 
