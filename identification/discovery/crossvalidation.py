@@ -17,8 +17,9 @@ Two tests, either suffices. The paired t-test over windows holds whatever the re
 effect that acts only now and then (friction near standstill) gains much in few windows, which that
 test takes for outliers; there the likelihood of the unseen windows decides, counted in independent
 samples. A ratio of likelihoods of unseen data exceeds c with a probability of at most 1/c; with
-variances estimated from the same windows this holds approximately, and only where these are many
-samples a window: a slow disturbance leaves one or two, and then the windows are asked alone.
+variances estimated from the same windows this holds approximately, and only where the samples are
+many more than the windows' own initial states: a slow disturbance leaves one or two in a window of
+four states, and then the paired test is asked alone.
 
 An FMU of which no state can be set cannot begin a window. It runs through the whole record instead,
 and the samples of a block are left out of what is fitted.
@@ -46,7 +47,8 @@ LARGEST_CHANCE = 0.01
 _SMALLEST_SHARE = 0.05
 _FEWEST_WINDOWS = 10
 _BLOCKS = 20  # of a record that is run through as a whole
-_FEWEST_IN_WINDOW = 5.0
+# Independent samples for each initial state of a window; with fewer, likelihoods are not trusted.
+_LEAST = 3.0
 _WHITE = 0.2
 # No block may speak against an effect by more than this [nats], or this share of what all say.
 _AGAINST = 1.0
@@ -101,6 +103,8 @@ def crossvalidate(
         reason = f"the record is too short to leave blocks out: record {needed:g} s"
         return Verdict(False, 1.0, 0.0, nothing, nothing, reason)
 
+    free = larger.shooting.nx - len(larger.problem.following)
+
     def judge(length: float, tries: int) -> Verdict:
         # Each with the weights of its own fit: a channel of which the smaller model makes nothing
         # (a sensor's scale) would tell the larger one nothing of where a window begins.
@@ -108,7 +112,8 @@ def crossvalidate(
         after = _unseen(larger, extended, length)
         # A window that a model cannot simulate counts as a very wrong one, not as a missing one.
         before, after = (np.where(np.isinf(e), 1e6 * base.sd**2, e) for e in (before, after))
-        return _judge(before, after, noise, tries, independent)
+        few = independent is None or np.max(independent) < _LEAST * len(before) * free
+        return _judge(before, after, noise, tries, None if few else independent)
 
     verdict = judge(CV_WINDOW, max(tried, 1))
     is_small = verdict.chance <= LARGEST_CHANCE and 0 < verdict.removed < _SMALLEST_SHARE
@@ -261,7 +266,7 @@ def _judge(
     gained = float(np.mean(difference))
     t = gained / max(spread, 1e-300)
     chance = float(stats.t.sf(t, len(difference) - 1))
-    if independent is not None and np.max(independent) >= _FEWEST_IN_WINDOW * len(before):
+    if independent is not None:
         chance = min(chance, float(np.exp(-_unseen_nats(before, after, independent))))
     chance = min(1.0, chance * tried)
     # What was above the noise is what was gained and what is left. (Each window's initial state
