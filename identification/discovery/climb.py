@@ -73,7 +73,8 @@ def climb(
         for rival in _rivals(below[-1].diagnosis, rungs[-1].diagnosis.outcome):
             other = _detour(below, rival, max_effects, progress)
             if other and _is_better(other[-1], rungs[-1]):
-                return _straight(other, max_effects, progress)
+                taken = _as_taken(other, len(below) - 1, rival)
+                return _straight(taken, max_effects, progress)
     return rungs
 
 
@@ -131,6 +132,18 @@ def _detour(
             refits = other[-1].diagnosis.refits
             then = next((r for r in refits if r is not then and r.evidence >= near), None)
     return other if len(other) > len(rungs) else []
+
+
+def _as_taken(rungs: Sequence[Rung], at: int, rival: Refit) -> list[Rung]:
+    """Return a detour with its first step as what was chosen there, and why."""
+    below, above = rungs[at], rungs[at + 1]
+    chosen, verdict = below.diagnosis.chosen, above.verdict
+    assert chosen is not None
+    assert verdict is not None
+    reason = f"{verdict.reason}; with what came after it, better than {chosen.addition.label}"
+    below = replace(below, diagnosis=replace(below.diagnosis, chosen=rival))
+    above = replace(above, verdict=replace(verdict, reason=reason))
+    return [*rungs[:at], below, above, *rungs[at + 2 :]]
 
 
 def _letting_in(rung: Rung, candidate: Refit) -> Rung | None:

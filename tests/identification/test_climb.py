@@ -47,10 +47,12 @@ def test_two_laws_at_one_joint_are_not_taken_for_one():
 def test_the_way_was_a_detour():
     """Or the test above says nothing: the curve with more parameters does explain more alone."""
     rungs, said = climbed(3)
-    assert rungs[0].diagnosis.chosen.addition.label == STRIBECK
+    assert rungs[0].diagnosis.ranking[0].label == STRIBECK
+    assert rungs[0].diagnosis.chosen.addition.label == COULOMB
     assert f"trying {COULOMB} instead of {STRIBECK}" in said
     assert rungs[1].added.label == COULOMB
     assert rungs[1].verdict.accepted
+    assert rungs[1].verdict.reason.endswith(f"better than {STRIBECK}")
 
 
 def test_a_detour_takes_no_more_effects_than_it_may():
