@@ -156,7 +156,7 @@ def _letting_in(rung: Rung, candidate: Refit) -> Rung | None:
         candidate.fit,
         rung.experiment.noise(),
         independent=candidate.independent,
-        tried=len(found.ranking),
+        tried=len(found.refits),
     )
     checks = {**found.checks, label: verdict}
     return replace(rung, diagnosis=replace(found, checks=checks)) if verdict.accepted else None

@@ -8,18 +8,13 @@ window.
 Short windows, because a wrong force shows as an acceleration before it shows as a drift, and there
 are more of them: on the EMPS record the paired t of Coulomb friction is 7.4 with windows of 0.25 s
 and 3.3 with windows of 1 s; a spring that is not there stays below 1 in both. A small steady force
-removes little in so short a window, however surely: its share is looked at over 1 s as well. A
-small friction may even show nothing in 0.25 s (its initial state takes that up) and 23 nats over
-1 s; that is asked too, as a second try, where nothing slow is left over. (Beside a slow disturbance
-ten windows of 1 s would let in a spring that is not there.)
+removes little in so short a window, however surely: its share is looked at over 1 s as well.
 
 Two tests, either suffices. The paired t-test over windows holds whatever the residuals are like. An
 effect that acts only now and then (friction near standstill) gains much in few windows, which that
 test takes for outliers; there the likelihood of the unseen windows decides, counted in independent
 samples. A ratio of likelihoods of unseen data exceeds c with a probability of at most 1/c; with
-variances estimated from the same windows this holds approximately, and only where the samples are
-many more than the windows' own initial states: a slow disturbance leaves one or two in a window of
-four states, and then the paired test is asked alone.
+variances estimated from the same windows this holds approximately.
 
 An FMU of which no state can be set cannot begin a window. It runs through the whole record instead,
 and the samples of a block are left out of what is fitted.
@@ -47,9 +42,6 @@ LARGEST_CHANCE = 0.01
 _SMALLEST_SHARE = 0.05
 _FEWEST_WINDOWS = 10
 _BLOCKS = 20  # of a record that is run through as a whole
-# Independent samples for each initial state of a window; with fewer, likelihoods are not trusted.
-_LEAST = 3.0
-_WHITE = 0.2
 # No block may speak against an effect by more than this [nats], or this share of what all say.
 _AGAINST = 1.0
 _SHARE_AGAINST = 0.1
@@ -103,33 +95,20 @@ def crossvalidate(
         reason = f"the record is too short to leave blocks out: record {needed:g} s"
         return Verdict(False, 1.0, 0.0, nothing, nothing, reason)
 
-    free = larger.shooting.nx - len(larger.problem.following)
-
-    def judge(length: float, tries: int) -> Verdict:
+    def judge(length: float) -> Verdict:
         # Each with the weights of its own fit: a channel of which the smaller model makes nothing
         # (a sensor's scale) would tell the larger one nothing of where a window begins.
         before = _unseen(smaller, base, length)
         after = _unseen(larger, extended, length)
         # A window that a model cannot simulate counts as a very wrong one, not as a missing one.
         before, after = (np.where(np.isinf(e), 1e6 * base.sd**2, e) for e in (before, after))
-        few = independent is None or np.max(independent) < _LEAST * len(before) * free
-        return _judge(before, after, noise, tries, None if few else independent)
+        return _judge(before, after, noise, tried, independent)
 
-    verdict = judge(CV_WINDOW, max(tried, 1))
-    is_small = verdict.chance <= LARGEST_CHANCE and 0 < verdict.removed < _SMALLEST_SHARE
-    if verdict.accepted or not (is_small or _is_white(independent, smaller)):
-        return verdict
-    longer = judge(smaller.window, max(tried, 1) * (1 if is_small else 2))
-    return longer if longer.accepted else verdict
-
-
-def _is_white(independent: Vector | None, experiment: Experiment) -> bool:
-    """Whether what is left over is noise of the sensors, and nothing slow."""
-    if independent is None:
-        return False
-    ny = len(experiment.problem.output_names)
-    samples = np.repeat([len(problem.time) for problem in experiment.problems], ny)
-    return bool(np.all(independent >= _WHITE * samples))
+    verdict = judge(CV_WINDOW)
+    if verdict.chance <= LARGEST_CHANCE and 0 < verdict.removed < _SMALLEST_SHARE:
+        longer = judge(smaller.window)
+        return longer if longer.accepted else verdict
+    return verdict
 
 
 def _windows(record: Experiment, length: float) -> tuple[Window, ...]:
@@ -268,7 +247,7 @@ def _judge(
     chance = float(stats.t.sf(t, len(difference) - 1))
     if independent is not None:
         chance = min(chance, float(np.exp(-_unseen_nats(before, after, independent))))
-    chance = min(1.0, chance * tried)
+    chance = min(1.0, chance * max(tried, 1))
     # What was above the noise is what was gained and what is left. (Each window's initial state
     # takes a part of the noise up, so an error may also lie below it.)
     share = np.mean(~np.isnan(before), axis=0)

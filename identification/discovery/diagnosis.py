@@ -192,8 +192,7 @@ def _by_output_error(
             candidate.fit,
             noise,
             independent=candidate.independent,
-            # A shortlist was chosen by this very record: all that were scored were tries.
-            tried=len(scanned.scored),
+            tried=len(refits),
         )
         checks[candidate.addition.label] = verdict
         if verdict.accepted:

@@ -129,22 +129,6 @@ def test_trying_more_candidates_asks_for_more():
     assert many.chance == pytest.approx(8 * one.chance)
 
 
-def test_a_small_friction_shows_over_whole_windows():
-    """Over 0.25 s it hides in the initial states; what is left over is white, so 1 s are asked."""
-    found = tried("CoulombFriction@joint", 0.004)
-    verdict = judged("CoulombFriction@joint", 0.004, independent=found.independent, tried=50)
-    assert verdict.accepted
-    assert verdict.chance < 1e-6
-    assert not judged("CoulombFriction@joint", 0.004).accepted
-
-
-def test_beside_something_slow_only_short_windows_are_asked():
-    """A tenth of the samples independent: over ten windows the same gain may be a disturbance's."""
-    found = tried("CoulombFriction@joint", 0.004)
-    verdict = judged("CoulombFriction@joint", 0.004, independent=0.1 * found.independent)
-    assert not verdict.accepted
-
-
 def test_a_short_record_cannot_be_judged():
     experiment, base = fitted(0.05, duration=1.2)
     found = refit(PLAIN, experiment, base, candidates_of(0.05)["CoulombFriction@joint"])
