@@ -250,7 +250,7 @@ def number(value: Any, unit_: str, where: str) -> float:
     return factor * float(found[1]) + offset
 
 
-def _converted(value: Any, hint: Any, unit_: str, where: str) -> Any:  # noqa: PLR0911
+def _converted(value: Any, hint: Any, unit_: str, where: str) -> Any:  # noqa: PLR0911 - one return a kind
     origin, inner = typing.get_origin(hint), typing.get_args(hint)
     if origin in (typing.Union, types.UnionType):
         return _converted(value, next(a for a in inner if a is not type(None)), unit_, where)

@@ -182,9 +182,9 @@ class Experiment:
         """
         fits = self.fit_stages(values, stages=STAGES)
         kept = next((f for f in reversed(fits) if f.converged), fits[-1])
-        lengths = [self.lasting(share * WINDOW) for share in STAGES]
-        same = [e for e in lengths if sum(len(r.windows) for r in e.records) == len(kept.x0)]
-        return same[-1], kept
+        # A stage whose windows are those of a shorter one was left out.
+        lengths = (self.lasting(share * WINDOW) for share in reversed(STAGES))
+        return next(e for e in lengths if _count(e) == len(kept.x0)), kept
 
     def predict(
         self,
@@ -224,6 +224,10 @@ class Experiment:
         if same or not isinstance(self.shooting, Shooting):
             return self.on(problem)
         return Experiment(problem, self.shooting.with_measured(problem.measured_inputs))
+
+
+def _count(experiment: Experiment) -> int:
+    return sum(len(record.windows) for record in experiment.records)
 
 
 def simulator_of(

@@ -11,7 +11,6 @@ from __future__ import annotations
 import json
 import os
 import signal
-import socket
 import subprocess
 import sys
 import tempfile
@@ -33,6 +32,7 @@ from recordings.readers.can_frames import FrameList, Frames
 from tests.twin import pendulum_bus as bus
 from tests.twin.jetstream_server import Server
 from tests.twin.postgres_server import postgres_server, program
+from tests.twin.workers import write_config
 from twin.jetstream.gateway import Gateway
 from twin.settings import Settings, TwinSettings, read_settings
 
@@ -44,32 +44,6 @@ _PERIOD = 24.0
 """Of the pendulum's motion [s]: the messages' counters begin anew with it."""
 _FRESH = 0.5
 _TICK = os.sysconf("SC_CLK_TCK")
-_CONFIG = """
-[service]
-listen = "127.0.0.1:{port}"
-store = "{store}"
-[jetstream]
-url = "{url}"
-limit = 1e9
-"""
-_TWIN = """
-[[twin]]
-name = "arm-{k}"
-rate = 100.0
-[twin.plant]
-model = "Twinproof.Plants.Pendulum"
-parameters_from = "fit.json"
-[twin.plant.sensors]
-theta = {{sd = 0.01}}
-omega = {{sd = 0.03}}
-[twin.bus]
-channel = "arm-{k}"
-[twin.estimator]
-disturbances = {{tau = 0.02}}
-memory = 10.0
-[twin.drift]
-diagnose = 0.0
-"""
 
 
 # The gateway's process
@@ -137,13 +111,10 @@ def gateway(path: str) -> None:
 
 
 class _Worker:
-    def __init__(self, folder: Path, number: int, count: int, store: str, url: str) -> None:
-        with socket.socket() as probe:
-            probe.bind(("127.0.0.1", 0))
-            self.port = probe.getsockname()[1]
-        self.path = folder / f"worker-{number}.toml"
-        head = _CONFIG.format(port=self.port, store=store, url=url)
-        self.path.write_text(head + "".join(_TWIN.format(k=k) for k in range(count)))
+    def __init__(self, folder: Path, number: int, names: list[str], store: str, url: str) -> None:
+        file = f"worker-{number}.toml"
+        self.path = write_config(folder, url, store, names, file=file, period=0.1, limit=1e9)
+        self.port = read_settings(self.path).service.address[1]
         self.start()
 
     def start(self) -> None:
@@ -218,20 +189,18 @@ class _Site:
 def _site(count: int) -> Generator[_Site]:
     with tempfile.TemporaryDirectory() as name, postgres_server() as postgres, ExitStack() as ends:
         folder = Path(name)
-        fit = {"parameters": {n: {"value": v, "sd": 0.005 * v} for n, v in bus.TRUE.items()}}
-        (folder / "fit.json").write_text(json.dumps(fit))
         server = Server(folder)
         server.start()
         ends.callback(server.stop)
-        store = f"{postgres}/postgres"
-        workers = [_Worker(folder, k, count, store, server.url) for k in range(2)]
+        store, names = f"{postgres}/postgres", [f"arm-{k}" for k in range(count)]
+        workers = [_Worker(folder, k, names, store, server.url) for k in range(2)]
         for worker in workers:
             ends.callback(worker.end)
         path = str(workers[0].path)
         run_it = f"from benchmarks.twin.machines import gateway; gateway({path!r})"
         publishing = subprocess.Popen([sys.executable, "-c", run_it], stdout=subprocess.PIPE)
         ends.callback(publishing.kill)
-        site = _Site(workers, publishing, server, [f"arm-{k}" for k in range(count)])
+        site = _Site(workers, publishing, server, names)
         _wait(site.is_shared)
         _wait(lambda: len(workers[0].ages()) == count)
         yield site

@@ -104,7 +104,7 @@ def characteristic(
     x = np.linspace(low, high, _POINTS)
     given = {**law.defaults, **{f"effect.{name}": value for name, value in values.items()}}
     p = np.array([given[name] for name in law.parameter_names])
-    y = np.asarray(law.function(x[None, :], np.tile(p[:, None], len(x)))).ravel()
+    y = np.asarray(law.function(x[None, :], p)).ravel()
     return Characteristic(law.variable, law.constant, x, y)
 
 

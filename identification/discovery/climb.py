@@ -16,7 +16,7 @@ from itertools import islice
 import numpy as np
 
 from foundation.progress import Progress, silent
-from identification.discovery.crossvalidation import Verdict, crossvalidate
+from identification.discovery.crossvalidation import Verdict, crossvalidate_candidate
 from identification.discovery.diagnosis import TIE, Diagnosis, Outcome, diagnose
 from identification.discovery.evidence import Refit, independent_of_all, log_gain, price
 from identification.discovery.extension import Addition, ExtendedModel
@@ -149,14 +149,8 @@ def _as_taken(rungs: Sequence[Rung], at: int, rival: Refit) -> list[Rung]:
 def _letting_in(rung: Rung, candidate: Refit) -> Rung | None:
     """Return the rung with a candidate's cross-validation among its checks; None if it fails."""
     found, label = rung.diagnosis, candidate.addition.label
-    verdict = found.checks.get(label) or crossvalidate(
-        rung.experiment,
-        rung.fit,
-        candidate.experiment,
-        candidate.fit,
-        rung.experiment.noise(),
-        independent=candidate.independent,
-        tried=len(found.refits),
+    verdict = found.checks.get(label) or crossvalidate_candidate(
+        rung.experiment, rung.fit, candidate, tried=len(found.refits)
     )
     checks = {**found.checks, label: verdict}
     return replace(rung, diagnosis=replace(found, checks=checks)) if verdict.accepted else None

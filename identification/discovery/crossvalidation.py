@@ -29,6 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from identification.discovery.evidence import Refit
 from identification.experiment import Experiment
 from identification.gauss_newton import Fit, fit_together
 from identification.linearisation import Part
@@ -109,6 +110,27 @@ def crossvalidate(
         longer = judge(smaller.window)
         return longer if longer.accepted else verdict
     return verdict
+
+
+def crossvalidate_candidate(
+    experiment: Experiment, base: Fit, candidate: Refit, *, tried: int
+) -> Verdict:
+    """Compare a model with the one that has a candidate too (see `crossvalidate`).
+
+    Args:
+        experiment, base: The model and its fit.
+        candidate: Refitted beside it.
+        tried: How many candidates were tried.
+    """
+    return crossvalidate(
+        experiment,
+        base,
+        candidate.experiment,
+        candidate.fit,
+        experiment.noise(),
+        independent=candidate.independent,
+        tried=tried,
+    )
 
 
 def _windows(record: Experiment, length: float) -> tuple[Window, ...]:

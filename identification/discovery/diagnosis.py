@@ -10,7 +10,7 @@ import numpy as np
 
 from foundation.errors import DivergenceError, TwinproofError, UnsupportedModelError
 from foundation.progress import Progress, silent
-from identification.discovery.crossvalidation import Verdict, crossvalidate
+from identification.discovery.crossvalidation import Verdict, crossvalidate_candidate
 from identification.discovery.empirical import Proposal, propose
 from identification.discovery.evidence import CHANCE_GAIN, Refit, refit_all
 from identification.discovery.extension import ExtendedModel
@@ -129,8 +129,7 @@ def diagnose(
         found = _with_disturbance(model, experiment, fit, found, progress)
     if found.outcome is Outcome.UNKNOWN_SHAPE:
         progress("looking for a curve without a name")
-        noise = experiment.noise()
-        found = replace(found, proposal=propose(model, experiment, fit, noise, found.refits))
+        found = replace(found, proposal=propose(model, experiment, fit, found.refits))
     return found
 
 
@@ -185,15 +184,7 @@ def _by_output_error(
     worth_trying = CHANCE_GAIN + np.log(max(len(scanned.scored), 1))
     for candidate in [r for r in refits if r.evidence > worth_trying][:_TRIALS]:
         progress(f"cross-validating {candidate.addition.label}")
-        verdict = crossvalidate(
-            experiment,
-            fit,
-            candidate.experiment,
-            candidate.fit,
-            noise,
-            independent=candidate.independent,
-            tried=len(refits),
-        )
+        verdict = crossvalidate_candidate(experiment, fit, candidate, tried=len(refits))
         checks[candidate.addition.label] = verdict
         if verdict.accepted:
             chosen = candidate

@@ -14,7 +14,7 @@ import numpy as np
 
 from fmus.places import places
 from identification.discovery.characteristic import variable_of
-from identification.discovery.crossvalidation import Verdict, crossvalidate
+from identification.discovery.crossvalidation import Verdict, crossvalidate_candidate
 from identification.discovery.effects import find_effects
 from identification.discovery.evidence import Refit, refit_all
 from identification.discovery.extension import Addition, ExtendedModel, addition_at, extend
@@ -23,7 +23,7 @@ from identification.discovery.transfer import transfer_all_states, transfer_prob
 from identification.experiment import Experiment
 from identification.gauss_newton import Fit
 from identification.linearisation import simulate
-from identification.problem import Matrix, Vector
+from identification.problem import Matrix
 from identification.shooting import Shooting
 
 _TRIED = 2
@@ -58,7 +58,6 @@ def propose(
     model: ExtendedModel,
     experiment: Experiment,
     fit: Fit,
-    noise: Vector,
     refits: tuple[Refit, ...] = (),
 ) -> Proposal | None:
     """Return the curve that explains best what a model leaves over, if one does.
@@ -67,7 +66,6 @@ def propose(
         model: The present model.
         experiment: That model on the record.
         fit: Its fit.
-        noise: (channels of all records,) standard deviation of the sensors' noise.
         refits: Of named effects, best first, to say which come nearest.
 
     Raises:
@@ -88,15 +86,7 @@ def propose(
     for found in refit_all(model, experiment, fit, tried)[0]:
         if found.merit < _LEAST_EVIDENCE:
             continue
-        verdict = crossvalidate(
-            experiment,
-            fit,
-            found.experiment,
-            found.fit,
-            noise,
-            independent=found.independent,
-            tried=len(curves),
-        )
+        verdict = crossvalidate_candidate(experiment, fit, found, tried=len(curves))
         if verdict.accepted:
             place = found.addition.place.name
             near = [r.addition.label for r in refits if r.addition.place.name == place]

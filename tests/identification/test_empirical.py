@@ -59,7 +59,7 @@ def proposal(law: bool, seed: int):
     problem = match(load(source), record(law, seed))
     experiment = Experiment.of(problem)
     fit = experiment.fit_stages()[-1]
-    return propose(extend(source, []), experiment, fit, problem.noise_sd)
+    return propose(extend(source, []), experiment, fit)
 
 
 def test_empirical_effects_are_there_but_not_searched_for():

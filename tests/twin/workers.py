@@ -57,7 +57,16 @@ _SERVICE = {
 
 
 def write_config(
-    folder, url, database, names, *, more="", file="config.toml", period=0.05, stale="0.5 s"
+    folder,
+    url,
+    database,
+    names,
+    *,
+    more="",
+    file="config.toml",
+    period=0.05,
+    stale="0.5 s",
+    limit=1e8,
 ):
     """Write a CONFIG.toml for gateways and workers; return its path."""
     fit = {"parameters": {n: {"value": v, "sd": 0.005 * v} for n, v in bus.TRUE.items()}}
@@ -71,7 +80,7 @@ listen = "127.0.0.1:{port}"
 store = "{database}"
 [jetstream]
 url = "{url}"
-limit = 1e8
+limit = {limit}
 period = {period}
 """
     path = folder / file

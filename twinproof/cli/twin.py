@@ -201,9 +201,16 @@ def approve(
             where=name,
             remedy=f"see what the twin does: `twinproof twin status --twin {name}`",
         )
-    chosen = next((found for found in waiting if found.startswith(wanted or "")), None)
-    if chosen is None:
+    meant = [found for found in waiting if found.startswith(wanted or "")]
+    if not meant:
         raise UnknownNameError("parameter set that waits", str(wanted), waiting, where=name)
+    if wanted is not None and len(meant) > 1:
+        raise InputError(
+            f"'{wanted}' begins the ids of {len(meant)} sets that wait",
+            where=name,
+            remedy="give more of the id: " + ", ".join(found[:12] for found in meant),
+        )
+    chosen = meant[0]
     done = client.post(f"{path}/approve", {"parameters": chosen})
     shown = client.get(path)["gate"]
     output = Output(json_path)
