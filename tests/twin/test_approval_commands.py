@@ -70,6 +70,20 @@ def test_what_waits_is_approved_and_rolled_back(site):
     assert monitor.reference.values["J"] == 0.5
 
 
+def test_an_id_that_several_sets_have_is_not_approved(site):
+    service = site[0]
+    monitor = service.monitor("robot")
+    for _ in range(2):
+        service.clock.now += 6.0
+        monitor.pipeline.at(service.clock.now - 0.01, J=0.51)
+        monitor.feed([])
+    monitor.ask_for_verification("test")
+    wait_for_verification(service)
+    refused = say(site, "approve", "--twin", "robot", "--parameters", "")
+    assert "begins the ids of 2 sets that wait" in str(refused.exception)
+    assert not monitor.life.is_verified
+
+
 @pytest.mark.parametrize("words", [("approve",), ("rollback",)])
 def test_who_may_not_is_told_how_to(site, words):
     wrong = say(site, *words, "--twin", "robot", who="eyes")
