@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TypeAlias
 
 import numpy as np
@@ -147,7 +148,7 @@ def _covered(question: Question, s: Situation, limits: Limits) -> Decision:
         )
         if not fault:
             distance = _distance(evidence, s.values)
-            most = math.sqrt(float(chi2.ppf(limits.confidence, max(1, len(evidence.names)))))
+            most = _radius(limits.confidence, max(1, len(evidence.names)))
             if distance is None:
                 fault = "the parameters are not all known"
             elif not distance <= most:
@@ -159,6 +160,12 @@ def _covered(question: Question, s: Situation, limits: Limits) -> Decision:
             return Decision(True, "a passed verification covers it", evidence.time, evidence.id)
         refused = Decision(False, fault, evidence.time, evidence.id)
     return refused
+
+
+@lru_cache
+def _radius(confidence: float, size: int) -> float:
+    """Return how far the ellipsoid reaches, in standard deviations."""
+    return math.sqrt(float(chi2.ppf(confidence, size)))
 
 
 def _mismatch(question: Question, evidence: Evidence) -> str:

@@ -11,6 +11,7 @@ from typing import Any
 from foundation.errors import InputError, TwinproofError
 from recordings.readers.can_frames import Frames
 from twin.candidates import estimated, excerpt, identified, known_values
+from twin.estimate import Estimate
 from twin.events import JSON, Event, EventKind
 from twin.follower import Follower
 from twin.gate import Decision, Limits, Question, Situation, decide
@@ -73,6 +74,7 @@ class Monitor:
         self._busy = False
         self._asked = ""
         self._decision: Decision | None = None
+        self._decided_on: Estimate | None = None
         self._make_pipeline = pipeline
         self._effect: tuple[str, Mapping[str, float]] | None = None
         store = journal.store
@@ -198,7 +200,8 @@ class Monitor:
     def tick(self, *, silence: bool = True) -> list[Event]:
         """Look at what time alone changes: ages, and silence if that is wanted."""
         with self.lock:
-            return self._take(self.pipeline.idle(self._clock()) if silence else [])
+            events = self.pipeline.idle(self._clock()) if silence else []
+            return self._take(events, aged=True)
 
     def tell(self, events: list[Event]) -> None:
         """Write what happened around the twin."""
@@ -211,7 +214,7 @@ class Monitor:
             if self._life.followed_since is not None:
                 self._life = replace(self._life, followed_since=now)
 
-    def _take(self, events: list[Event]) -> list[Event]:
+    def _take(self, events: list[Event], *, aged: bool = False) -> list[Event]:
         before = self._life
         newest = self.pipeline.newest
         if newest is not None and before.followed_since is None and not before.stale:
@@ -219,7 +222,12 @@ class Monitor:
         for event in events:
             self._life = after(self._life, event)
             self._note_effect(event)
-        events = [*events, *self._gate_moved()]
+        # Between two blocks of samples ages alone change, and `tick` looks at those.
+        estimate = self.pipeline.estimate
+        known = self._decision is not None and estimate is self._decided_on
+        if aged or events or self._life is not before or not known:
+            events = [*events, *self._gate_moved()]
+            self._decided_on = estimate
         changed = self._life.record != before.record
         if events or changed:
             self._write(events, *([save_twin(self._life.record)] if changed else []))

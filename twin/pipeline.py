@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -182,21 +182,33 @@ class Pipeline(Resumable):
         self._blocks = self._restarts = 0
         self._diverged_at: float | None = None
         self._noise = dict.fromkeys(model.outputs, 0.0)
+        self._known: Estimate | None = None
+
+    def resume(self, found: dict[str, Any]) -> None:
+        """Know what another one of the same twin knew."""
+        super().resume(found)
+        self._known = None
 
     # What is known
 
     @property
     def estimate(self) -> Estimate | None:
-        """The parameters as the data say, as of the last update; None before the first block."""
-        if self._updated is None:
-            return None
+        """The parameters as the data say, as of the last update; None before the first block.
+
+        The same object until the next block.
+        """
+        if self._known is None and self._updated is not None:
+            self._known = self._estimated(self._updated)
+        return self._known
+
+    def _estimated(self, updated: float) -> Estimate:
         fit = self._fit
         covariance = fit.covariance
         values = {**self._believed.values, **fit.values}
         known = {n: float(v) for n, v in values.items() if n in self.plant.values}
         sd = np.sqrt(np.maximum(np.diag(covariance), 0.0)).tolist()
         found = Estimate(
-            self._updated,
+            updated,
             fit.names,
             known,
             dict(zip(fit.names, sd, strict=True)),
@@ -282,6 +294,7 @@ class Pipeline(Resumable):
 
     def verify(self, parameters: Parameters) -> None:
         """Compare with these parameters from the next block on; a drift is over."""
+        self._known = None
         values = {**self._believed.values, **parameters.values}
         given = np.array(parameters.covariance, float)
         covariance = with_free_covariance(self.plant.free, parameters.names, given)
@@ -338,6 +351,7 @@ class Pipeline(Resumable):
         except DivergenceError as error:
             return self._diverged(time, str(error))
         events = self._sound(time)
+        self._known = None
         self._time = time
         self._begun = time if self._begun is None else self._begun
         self._blocks += 1
@@ -367,6 +381,7 @@ class Pipeline(Resumable):
         return events + self._excitation(time) + self._report(time)
 
     def _diverged(self, time: float, because: str) -> list[Event]:
+        self._known = None
         self._restart()
         values = {n: self._believed.values[n] for n in self._fit.names}
         covariance = self._fit.covariance

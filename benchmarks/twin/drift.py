@@ -77,8 +77,8 @@ class Watch:
 
 
 def run() -> Iterator[Figure]:
-    verified = np.linalg.inv(_information(_VERIFIED_BY, seed=99))
-    five = np.linalg.inv(_information(int(WITHIN), seed=98))
+    verified = np.linalg.inv(information(_VERIFIED_BY, seed=99))
+    five = np.linalg.inv(information(int(WITHIN), seed=98))
     sd = np.sqrt(np.diag(five + verified))
     yield from _steps(verified, sd)
     yield from _friction(verified)
@@ -87,7 +87,7 @@ def run() -> Iterator[Figure]:
         yield from _false_alarms(verified, hours)
 
 
-def _information(seconds: int, seed: int) -> Array:
+def information(seconds: int, seed: int) -> Array:
     """Return the information of a record at nominal, after the start has died out."""
     watch = Watch(1, np.zeros((7, 7)))
     found = np.zeros((7, 7))

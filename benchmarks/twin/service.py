@@ -6,7 +6,7 @@ import asyncio
 import json
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -29,7 +29,7 @@ from twin.verification import Job, file_hash, verify
 PLANT = "Twinproof.Plants.WheeledPendulum"
 DRAWS = 200
 READERS, SECONDS = 200, 10.0
-_CONTROLLER = """
+CONTROLLER = """
 kind = "pid"
 measured = ["theta_p"]
 commanded = ["V"]
@@ -38,12 +38,12 @@ proportional = -168.0
 integral = -800.0
 derivative = -8.8
 """
-_STUDY = f"""
+STUDY = f"""
 [plant]
 model = "{PLANT}"
 [plant.sensors.theta_p]
 sd = "0.5 deg"
-[controllers.any]{_CONTROLLER}
+[controllers.any]{CONTROLLER}
 [references.slow.theta_p]
 kind = "sines"
 amplitudes = ["10 deg"]
@@ -70,7 +70,7 @@ def verification() -> float:
     """Return the seconds from asking for a verification of the balancing robot to its evidence."""
     with TemporaryDirectory() as name:
         folder = Path(name)
-        (folder / "pid.toml").write_text(_CONTROLLER)
+        (folder / "pid.toml").write_text(CONTROLLER)
         plant = plant_of(parse_toml(f'model = "{PLANT}"'))
         names = ("X1", "X2", "X3", "X4", "X5", "X6", "X7")
         values = {v.name: float(v.start) for v in plant.described.parameters if v.name in names}
@@ -84,7 +84,7 @@ def verification() -> float:
             tuple(map(tuple, np.diag(sd**2).tolist())),
         )
         study = folder / "study.toml"
-        study.write_text(_STUDY)
+        study.write_text(STUDY)
         job = Job(set_, PLANT, study, folder / "pid.toml", DRAWS)
         began = time.perf_counter()
         apart(threading.Event(), verify, job, time.time, workers=0)
@@ -106,11 +106,17 @@ async def _read(client: httpx2.AsyncClient, url: str, seconds: float) -> tuple[i
     return count, longest
 
 
-async def _readers(base: str) -> list[tuple[int, float]]:
+async def read_live(base: str, twins: Sequence[str]) -> tuple[float, float]:
+    """Read live data of as many twins at once as are named, again and again if named so.
+
+    Returns:
+        Documents a second of the slowest reader, and the longest that any of them waited [s].
+    """
     limits = httpx2.Limits(max_connections=None)
     async with httpx2.AsyncClient(timeout=60, limits=limits) as client:
-        url = f"{base}/twins/arm/live"
-        return await asyncio.gather(*(_read(client, url, SECONDS) for _ in range(READERS)))
+        urls = [f"{base}/twins/{name}/live" for name in twins]
+        found = await asyncio.gather(*(_read(client, url, SECONDS) for url in urls))
+    return min(count for count, _ in found) / SECONDS, max(longest for _, longest in found)
 
 
 def readers() -> tuple[float, float]:
@@ -125,9 +131,7 @@ def readers() -> tuple[float, float]:
         ) as service:
             service.start()
             with served(make_app(service, Tokens())) as server:
-                found = asyncio.run(_readers(server.url))
-    rate = min(count for count, _ in found) / SECONDS
-    return rate, max(longest for _, longest in found)
+                return asyncio.run(read_live(server.url, ["arm"] * READERS))
 
 
 def run() -> Iterator[Figure]:

@@ -62,18 +62,22 @@ class Frames:
             return replace(parts[0], error_frames=parts[0].error_frames + error_frames)
         parts = parts or [FrameList().frames()]
         width = max(part.payload.shape[1] for part in parts)
-        wide = [np.pad(p.payload, ((0, 0), (0, width - p.payload.shape[1]))) for p in parts]
         return Frames(
             np.concatenate([part.nanoseconds for part in parts]),
             np.concatenate([part.identifier for part in parts]),
             np.concatenate([part.bus for part in parts]),
             np.concatenate([part.length for part in parts]),
-            np.concatenate(wide),
+            np.concatenate([_wide(part.payload, width) for part in parts]),
             parts[-1].bus_names,
             error_frames + sum(part.error_frames for part in parts),
             sum(part.remote_frames for part in parts),
             sum(part.passed_over for part in parts),
         )
+
+
+def _wide(payload: NDArray[np.uint8], width: int) -> NDArray[np.uint8]:
+    short = width - payload.shape[1]
+    return np.pad(payload, ((0, 0), (0, short))) if short else payload
 
 
 @dataclass

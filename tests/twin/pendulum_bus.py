@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import can
 import numpy as np
 from numpy.typing import NDArray
 
@@ -27,12 +28,15 @@ START = 1_700_000_000.0
 Change = Callable[[float], dict[str, float]]
 
 
+def write_fit(folder: Path) -> None:
+    """Write the true parameters as a fit."""
+    fit = {"parameters": {n: {"value": v, "sd": 0.005 * v} for n, v in TRUE.items()}}
+    (folder / "fit.json").write_text(json.dumps(fit))
+
+
 def settings(folder: Path, estimator: str = "", bus: str = "", names: tuple[str, ...] = ("arm",)):
     """Return the settings of twins on this bus; the verified parameters are the true ones."""
-    fit = {
-        "parameters": {n: {"value": v, "sd": 0.005 * v} for n, v in TRUE.items()},
-    }
-    (folder / "fit.json").write_text(json.dumps(fit))
+    write_fit(folder)
     text = "".join(
         f"""
 [[twin]]
@@ -112,17 +116,21 @@ def motion(
     return rows
 
 
-def frames(rows: NDArray[np.float64], start: float = START) -> Frames:
-    """Return the frames of a motion, protected end to end."""
+def messages(rows: NDArray[np.float64], start: float = START) -> list[can.Message]:
+    """Return what a motion sends, protected end to end: two messages a sample."""
     ports = [Port("tau", "N.m"), Port("theta", "rad"), Port("omega", "rad/s")]
     database = read_dbc(bundled_dbc("Twinproof.Plants.Pendulum"))
     packers = [Packer(layout) for layout in layouts(database, ports)]
-    messages = [
+    return [
         packer.pack({"tau": u, "theta": a, "omega": w}, time=start + t)
         for t, u, a, w in rows.tolist()
         for packer in packers
     ]
-    return columns(messages)
+
+
+def frames(rows: NDArray[np.float64], start: float = START) -> Frames:
+    """Return the frames of a motion, as columns."""
+    return columns(messages(rows, start))
 
 
 def part(whole: Frames, begin: int, end: int) -> Frames:

@@ -69,8 +69,7 @@ def write_config(
     limit=1e8,
 ):
     """Write a CONFIG.toml for gateways and workers; return its path."""
-    fit = {"parameters": {n: {"value": v, "sd": 0.005 * v} for n, v in bus.TRUE.items()}}
-    (folder / "fit.json").write_text(json.dumps(fit))
+    bus.write_fit(folder)
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
+from functools import cached_property
 from typing import Any
 
 from twin.audit import content_hash
@@ -71,7 +72,7 @@ class ParameterSet:
             document["origin"],
         )
 
-    @property
+    @cached_property
     def id(self) -> str:
         """Hash of the content."""
         return content_hash(self.document())
@@ -136,7 +137,7 @@ class Evidence:
             document["detail"],
         )
 
-    @property
+    @cached_property
     def id(self) -> str:
         """Hash of the content."""
         return content_hash(self.document())
