@@ -6,16 +6,24 @@ from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 
+import numpy as np
+from scipy.stats import chi2
+
 from foundation.errors import DivergenceError, TwinproofError
-from identification.discovery.drift import MOVED, Change, Moved, missing_or_drifted
+from hil.plants import Fit
+from identification.discovery.drift import MOVED, Change, Drift, Moved, missing_or_drifted
 from identification.discovery.extension import Addition, extend
 from identification.discovery.innovation_scan import second_opinion
+from identification.likelihood import Maximum
 from identification.priors import Prior
 from twin.estimation import LOOSE
 from twin.events import JSON
 from twin.excerpt import Excerpt
 
 _NEARLY_ALL = 0.9
+_USUAL = 1.5
+"""A disturbance this many times as large as the settings say may be an effect in disguise."""
+_CHANCE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -29,6 +37,7 @@ class Finding:
         evidence: ΔlogL of the effect over moved parameters [nats]; 0 without one.
         disturbance: The unknown disturbance found beside, in words.
         because: Why it is undetermined.
+        fit: The parameters at the data's maximum of likelihood, if these explain the data.
     """
 
     verdict: str
@@ -37,6 +46,7 @@ class Finding:
     evidence: float = 0.0
     disturbance: str = ""
     because: str = ""
+    fit: Fit | None = None
 
     def detail(self) -> dict[str, JSON]:
         """Return it as an event's detail."""
@@ -55,7 +65,8 @@ def diagnose(since: Excerpt, sd: Mapping[str, float]) -> Finding:
 
     The innovations are asked first (`second_opinion`): a plant in service has an unknown
     disturbance at its inputs, which output error takes for an effect or for a moved parameter, as
-    it does on the balancing machine of the benchmark. Where they name no effect,
+    it does on the balancing machine of the benchmark. Where they are white and the disturbance is
+    what the settings say, moved parameters explain all. Where they name no effect otherwise,
     `missing_or_drifted` ranks the moved parameters and the effects against each other: innovations
     alone would let a disturbance, as large as it must be, stand in for the effect, as they do for
     friction on a pendulum. An effect is named only if it predicts data it was not fitted to. It
@@ -74,9 +85,16 @@ def diagnose(since: Excerpt, sd: Mapping[str, float]) -> Finding:
             best, disturbance = opinion.best, opinion.disturbance
             if best is not None:
                 return _effect(best.addition, best.evidence, disturbance)
+            if opinion.white and _is_usual(opinion.base, since):
+                return _moved(opinion.base, known, disturbance)
         found = missing_or_drifted(since.source, since.problem(whole=True), known)
     except TwinproofError as error:
         return Finding("undetermined", because=str(error))
+    return _ranked(found, disturbance)
+
+
+def _ranked(found: Drift, disturbance: str) -> Finding:
+    """Say what output error says of moved parameters against effects."""
     chosen = found.diagnosis.chosen
     if found.change is Change.MISSING and chosen is not None:
         return _effect(chosen.addition, found.over_moved, "")
@@ -94,6 +112,41 @@ def diagnose(since: Excerpt, sd: Mapping[str, float]) -> Finding:
         "several parameters moved" if moved else "the data show no moved parameter, and no effect"
     )
     return Finding("undetermined", "", moved, 0.0, disturbance, because)
+
+
+def _is_usual(base: Maximum, since: Excerpt) -> bool:
+    stated = since.disturbance_sd
+    found = np.array([d.sd for d in base.disturbances])
+    return stated is not None and bool(np.all(found <= _USUAL * stated))
+
+
+def _moved(base: Maximum, known: Mapping[str, Prior], disturbance: str) -> Finding:
+    """Say which parameter moved, from where all of them are most likely now.
+
+    If only parameter j did, the rest of the difference is chance: the generalised least-squares
+    fit of one component to a difference whose covariance is that of both estimates.
+    """
+    names = base.free
+    before = np.array([known[n].value for n in names])
+    scale = np.where(before != 0, np.abs(before), 1.0)
+    apart = (np.array([base.values[n] for n in names]) - before) / scale
+    sd = np.array([known[n].sd for n in names]) / scale
+    covariance = base.covariance / np.outer(scale, scale) + np.diag(sd**2)
+    inverse = np.linalg.pinv(covariance, rcond=1e-13, hermitian=True)
+    along, power = inverse @ apart, np.diag(inverse)
+    whole, explained = float(apart @ along), along**2 / power
+    fit = Fit({**base.values}, names, base.covariance)
+    j = int(np.argmax(explained))
+    if whole <= chi2.isf(_CHANCE, len(names)):
+        because = "the data show no moved parameter, and no effect"
+        return Finding("undetermined", disturbance=disturbance, because=because, fit=fit)
+    by_chance = chi2.isf(_CHANCE, len(names) - 1) if len(names) > 1 else 0.0
+    if whole - explained[j] <= max(by_chance, (1 - _NEARLY_ALL) * whole):
+        value = float(before[j] + scale[j] * along[j] / power[j])
+        return Finding("parameter", names[j], {names[j]: value}, 0.0, disturbance, fit=fit)
+    values = {n: float(base.values[n]) for n in names}
+    because = "several parameters moved"
+    return Finding("undetermined", "", values, 0.0, disturbance, because, fit)
 
 
 def _now(moved: Moved) -> dict[str, float]:

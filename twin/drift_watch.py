@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from foundation.resumable import Resumable
+from hil.plants import Fit
 from identification.online.scored_filter import Scored
 from twin.diagnosis import Finding, diagnose
 from twin.drift import Alarm, DriftMonitor
@@ -80,6 +81,7 @@ class DriftWatch(Resumable):
         self._values, self._covariance, self._history = dict(values), covariance, history
         self._roots, self._executor = roots, executor
         self._drift: _Drift | None = None
+        self._fitted: Fit | None = None
 
     def snapshot(self) -> dict[str, Any]:
         """Return what it knows; a diagnosis that is under way is made again by who takes it up."""
@@ -109,7 +111,7 @@ class DriftWatch(Resumable):
         """Compare with these parameters from now on; a drift is over."""
         self._values, self._covariance = dict(values), covariance
         self._monitor.verify(values, covariance)
-        self._drift = None
+        self._drift = self._fitted = None
 
     def take(self, tested: Scored, time: float) -> list[Event]:
         """Take what a block says, which ends at `time` [s]; return what happened."""
@@ -148,6 +150,11 @@ class DriftWatch(Resumable):
             failed = Finding("undetermined", because=f"the diagnosis failed: {error}")
             return [self._diagnosis(failed, drift.asked_at)]
 
+    def fitted(self) -> Fit | None:
+        """Return, once, the parameters that a diagnosis has fitted to its data."""
+        found, self._fitted = self._fitted, None
+        return found
+
     def _since(self) -> Excerpt:
         blocks = round(self._settings.drift.diagnose / self._settings.estimator.block)
         data, plant = self._history.last(blocks), self._plant
@@ -161,9 +168,11 @@ class DriftWatch(Resumable):
             plant.noise_sd,
             plant.free,
             {n: v for n, v in self._values.items() if n in plant.values},
+            np.array([d.sd for d in plant.disturbances]),
         )
 
     def _diagnosis(self, finding: Finding, time: float) -> Event:
+        self._fitted = finding.fit
         return Event(time, self._settings.name, EventKind.DIAGNOSIS, finding.detail())
 
     def _flagged(self, alarm: Alarm, time: float, *, named: bool) -> Event:

@@ -108,6 +108,14 @@ class OnlineFit(Resumable, ABC):
     def loosen(self) -> None:
         """Believe the data to come rather than what was: the plant has changed."""
 
+    def adopt(self, values: Mapping[str, float], covariance: Array) -> None:
+        """Go on from a fit of recent data: after a change a recursion may have gone astray.
+
+        Args:
+            values: Of all parameters, at least.
+            covariance: (k, k).
+        """
+
 
 class KalmanFit(OnlineFit):
     """Recursive prediction-error method; `scored` comes from a filter at these very `values`."""
@@ -145,6 +153,10 @@ class KalmanFit(OnlineFit):
         self._theta = sign * np.maximum(sign * moved, floor)
         self.updates += 1
         self._covariance = inverse @ self._spread @ inverse
+
+    def adopt(self, values: Mapping[str, float], covariance: Array) -> None:
+        """Begin anew from there; see `OnlineFit`."""
+        self.start(values, covariance)
 
     def loosen(self) -> None:
         """Forget what was; see `OnlineFit`."""

@@ -30,6 +30,7 @@ class Excerpt:
         noise_sd: (ny,) of the sensors.
         free: Parameters that may be fitted.
         values: Every parameter.
+        disturbance_sd: (nu,) of the unknown disturbances that are usual; None: not known.
     """
 
     model: str
@@ -41,6 +42,7 @@ class Excerpt:
     noise_sd: Array
     free: tuple[str, ...]
     values: Mapping[str, float]
+    disturbance_sd: Array | None = None
 
     @property
     def source(self) -> ModelicaSource:

@@ -75,6 +75,7 @@ class Monitor:
         self._asked = ""
         self._decision: Decision | None = None
         self._decided_on: Estimate | None = None
+        self._deployed: Question | None = None
         self._make_pipeline = pipeline
         self._effect: tuple[str, Mapping[str, float]] | None = None
         store = journal.store
@@ -226,7 +227,9 @@ class Monitor:
         estimate = self.pipeline.estimate
         known = self._decision is not None and estimate is self._decided_on
         if aged or events or self._life is not before or not known:
-            events = [*events, *self._gate_moved()]
+            # Files are read again when something has happened, once a second, and for who asks.
+            afresh = aged or bool(events)
+            events = [*events, *self._gate_moved(afresh=afresh)]
             self._decided_on = estimate
         changed = self._life.record != before.record
         if events or changed:
@@ -289,8 +292,17 @@ class Monitor:
             evidence=() if self._in_force is None else (self._in_force[1],),
         )
 
-    def _gate_moved(self) -> list[Event]:
-        decision = self.decide()
+    def _gate_moved(self, *, afresh: bool = True) -> list[Event]:
+        """Return the gate's event if its answer has become another; `afresh`: read all files."""
+        if afresh:
+            try:
+                self._deployed = self._question(None)
+            except InputError:
+                self._deployed = None
+        asked = self._deployed
+        decision = (
+            self.decide() if asked is None else decide(asked, self._situation(), self._limits)
+        )
         before, self._decision = self._decision, decision
         if before is not None and before.allowed == decision.allowed:
             return []

@@ -264,14 +264,14 @@ class Pipeline(Resumable):
         events: list[Event] = []
         for part in self._timeline.add(frames):
             events += self._slice(part)
-        return events + self._watch.found(wait=False)
+        return events + self._diagnosed(wait=False)
 
     def finish(self) -> list[Event]:
         """Take it that no more frames come; waits for a diagnosis that is under way."""
         events: list[Event] = []
         for part in self._timeline.finish():
             events += self._slice(part)
-        return events + self._watch.found(wait=True)
+        return events + self._diagnosed(wait=True)
 
     def idle(self, now: float) -> list[Event]:
         """Say what happened because nothing came until `now` [s, of the frames' clock]."""
@@ -285,7 +285,23 @@ class Pipeline(Resumable):
         if not self._timeline.is_open:
             for change in self._telemetry.silent(stamp):
                 events += self._changed(change)
-        return events + self._watch.found(wait=False)
+        return events + self._diagnosed(wait=False)
+
+    def _diagnosed(self, *, wait: bool) -> list[Event]:
+        events = self._watch.found(wait=wait)
+        self._adopt()
+        return events
+
+    def _adopt(self) -> None:
+        """Go on from the parameters that a diagnosis has fitted to its data."""
+        fit = self._watch.fitted()
+        if fit is None:
+            return
+        free = self._fit.names
+        self._fit.adopt(fit.values, with_free_covariance(free, fit.names, fit.covariance))
+        shares_filter(self._fit, self._following)
+        self._trail.clear()
+        self._known = None
 
     def close(self) -> None:
         """Let go of the FMU; nothing is fed after that."""
@@ -370,6 +386,7 @@ class Pipeline(Resumable):
         events += self._watch.take(tested, time)
         if self._watch.drifted and not drifted:
             self._fit.loosen()
+        self._adopt()
         before = self._fit.updates
         self._fit.take(block.inputs, block.outputs, scored)
         if self._updated is None or self._fit.updates > before:

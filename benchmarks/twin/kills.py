@@ -55,7 +55,8 @@ def prepare(folder: Path) -> None:
         "memory": 5.0,
     }
     twin["drift"] = {"diagnose": 0.0, "false_alarms_per_hour": 1e-3}
-    twin["verification"] |= {"draws": 4, "settle": 2.0}
+    # A plant that changed while nobody looked must be found before the gate opens.
+    twin["verification"] |= {"draws": 4, "settle": _DETECTION}
     # What is verified matters less here than that it is, often.
     story.study["run"]["duration"] = 0.5
     story.fit["parameters"] = {
@@ -159,6 +160,7 @@ class Kills:
         torn: Lines of recordings that are damaged, but the last of a file.
         unrecorded: The longest time of frames that was missing at a recording's end [s].
         wrongly_open: Looks at which the gate was open though the plant was not verified.
+        longest_open: After the plant had changed [s].
         open_looks, looks: How often it was open, of how often it was looked at.
         drifts, promotions: That were acknowledged.
         broken: Audits that failed.
@@ -169,6 +171,7 @@ class Kills:
     torn: int = 0
     unrecorded: float = 0.0
     wrongly_open: int = 0
+    longest_open: float = 0.0
     open_looks: int = 0
     looks: int = 0
     drifts: int = 0
@@ -176,7 +179,7 @@ class Kills:
     broken: int = 0
 
 
-def kill(times: int, seed: int, longest: float = 8.0) -> Kills:
+def kill(times: int, seed: int, longest: float = 14.0) -> Kills:
     """Kill a service a number of times on one folder."""
     rng = np.random.default_rng(seed)
     found = Kills()
@@ -229,6 +232,7 @@ def look(found: Kills, words: list[str], *, doubted: bool) -> None:
         return
     found.open_looks += 1
     other = abs(believed / truth - 1) > 0.15
+    found.longest_open = max(found.longest_open, old if other else 0.0)
     # An acknowledged drift counts at once; one that nobody could know of yet, after some seconds.
     if doubted or (other and old > _DETECTION):
         found.wrongly_open += 1
@@ -260,5 +264,6 @@ def run() -> Iterator[Figure]:
     yield Figure("kill -9: damaged lines of recordings", found.torn, 0)
     yield Figure("kill -9: recording missing at the end", found.unrecorded, 0.1, "s")
     yield Figure("kill -9: gate open on an unverified plant", found.wrongly_open, 0)
+    yield Figure("kill -9: gate open after a change, at most", found.longest_open, _DETECTION, "s")
     yield Figure("kill -9: looks at an open gate, of all", found.open_looks / max(found.looks, 1))
     yield Figure("kill -9: drifts flagged on the way", found.drifts)

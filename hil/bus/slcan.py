@@ -36,6 +36,7 @@ _BITRATES = {
 }
 _BLOCK = 1 << 16
 _LONGEST_LINE = 32
+_APART = 1e-6
 _END, _REFUSED = b"\r", b"\a"
 
 
@@ -139,10 +140,11 @@ class SlcanBus(can.BusABC):
         if len(self._rest) > _LONGEST_LINE:
             self._rest = b""
             self.malformed += 1
-        for line in lines:
+        for k, line in enumerate(lines):
             if line and line[0] in b"tTrR":
                 try:
-                    self._frames.append(frame_of(line, stamp))
+                    # Two frames of a bus are never at once, and a doubled one is told by its stamp.
+                    self._frames.append(frame_of(line, stamp + _APART * k))
                 except ValueError:
                     self.malformed += 1
             elif line and line[0] not in b"OLCSszZFVvN":

@@ -281,6 +281,15 @@ def test_frames_cross_the_bridge_whole_and_in_order(terminals):
         assert select.select([other.fileno()], [], [], 0)[0] == []
 
 
+def test_frames_that_are_read_at_once_have_stamps_of_their_own(terminals):
+    with SlcanBus(terminals[1]) as bus:
+        file = os.open(terminals[0], os.O_WRONLY | os.O_NOCTTY)
+        os.write(file, b"t1012AABB\r" * 3)
+        stamps = [bus.recv(5.0).timestamp for _ in range(3)]
+        os.close(file)
+    assert stamps[0] < stamps[1] < stamps[2]
+
+
 def test_noise_on_the_line_is_counted(terminals):
     with SlcanBus(terminals[1]) as bus:
         file = os.open(terminals[0], os.O_WRONLY | os.O_NOCTTY)
