@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import logging
 import multiprocessing
 import os
 import signal
 import threading
 from collections.abc import Callable, Generator
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
 from typing import Any, ParamSpec, TypeVar
 
 from foundation.errors import ComputationError, TwinproofError
 
+_LOG = logging.getLogger("twinproof.twin")
 P = ParamSpec("P")
 T = TypeVar("T")
 _LOOK = 0.2
@@ -25,7 +28,7 @@ def apart(stop: threading.Event, function: Callable[P, T], *args: P.args, **kwar
     """Call a function in a process of its own, at low priority.
 
     Args:
-        stop: When it is set, the process is ended.
+        stop: When it is set, the process is ended, with compilers and whatever else it runs.
         function: Importable by name; like its arguments and its result it must be picklable.
         args, kwargs: Of it.
 
@@ -44,6 +47,7 @@ def apart(stop: threading.Event, function: Callable[P, T], *args: P.args, **kwar
     try:
         while not ours.poll(_LOOK):
             if stop.is_set():
+                _LOG.info("abandoned", extra={"work": function.__name__})
                 raise ComputationError("it was stopped", remedy="start it again")
         done, value = ours.recv()
     except EOFError as error:
@@ -52,13 +56,22 @@ def apart(stop: threading.Event, function: Callable[P, T], *args: P.args, **kwar
             f"its process ended with status {process.exitcode}", remedy="see its messages"
         ) from error
     finally:
-        process.terminate()
-        process.join()
+        _end(process)
         process.close()
         ours.close()
     if not done:
         raise value
     return value
+
+
+def _end(process: BaseProcess) -> None:
+    """End a process and what it has started: a compiler would go on, and hold our terminal."""
+    if hasattr(os, "killpg") and process.pid is not None:
+        # It may not lead its group yet, or be gone.
+        with suppress(OSError):
+            os.killpg(process.pid, signal.SIGTERM)
+    process.terminate()
+    process.join()
 
 
 @contextmanager
@@ -94,6 +107,8 @@ class Apart(ThreadPoolExecutor):
 def _work(
     pipe: Connection, parent: int, function: Callable[..., Any], args: Any, kwargs: Any
 ) -> None:
+    if hasattr(os, "setpgrp"):
+        os.setpgrp()
     if hasattr(os, "nice"):
         os.nice(_COURTESY)
     threading.Thread(target=_follow, args=(parent,), daemon=True).start()

@@ -423,6 +423,8 @@ class Service(Closing):
                 job = improved(job, apart(self._stopping, improve, job.improvement))
             evidence = self._verification(job)
         except Exception as error:
+            if self._stopping.is_set():
+                return  # it is made again after the next start
             if not isinstance(error, TwinproofError):
                 _LOG.exception("a verification failed", extra={"twin": name})
             running.monitor.give_up(job, str(error) or type(error).__name__)

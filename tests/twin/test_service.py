@@ -4,6 +4,7 @@ import json
 import logging
 import threading
 import time
+from pathlib import Path
 
 import errands
 import pytest
@@ -257,3 +258,24 @@ def test_work_apart_gives_results_errors_and_can_be_stopped():
     with pytest.raises(ComputationError, match="stopped"):
         apart(stop, errands.sleep)
     assert time.monotonic() - began < 10
+
+
+@pytest.mark.skipif(not Path("/proc").is_dir(), reason="looks at processes in /proc")
+def test_what_work_apart_has_started_ends_with_it(tmp_path, caplog):
+    file, stop = tmp_path / "pid", threading.Event()
+
+    def wait():
+        while not file.is_file() or not file.read_text():
+            time.sleep(0.05)
+        stop.set()
+
+    threading.Thread(target=wait, daemon=True).start()
+    with caplog.at_level(logging.INFO), pytest.raises(ComputationError, match="stopped"):
+        apart(stop, errands.have_another_sleep, str(file))
+    assert [r.work for r in caplog.records if r.message == "abandoned"] == ["have_another_sleep"]
+    stat = Path(f"/proc/{file.read_text()}/stat")
+    end = time.monotonic() + 10
+    # Killed, it may be there for as long as nobody has taken note of it.
+    while stat.exists() and stat.read_text().rpartition(")")[2].split()[0] != "Z":
+        assert time.monotonic() < end
+        time.sleep(0.05)
