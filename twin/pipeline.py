@@ -300,6 +300,7 @@ class Pipeline(Resumable):
         free = self._fit.names
         self._fit.adopt(fit.values, with_free_covariance(free, fit.names, fit.covariance))
         shares_filter(self._fit, self._following)
+        self._following.restart()
         self._trail.clear()
         self._known = None
 
@@ -315,7 +316,11 @@ class Pipeline(Resumable):
         given = np.array(parameters.covariance, float)
         covariance = with_free_covariance(self.plant.free, parameters.names, given)
         self._believed.set_values(values)
-        self._believed.forget()
+        if self._watch.drifted:
+            # Its state, and the disturbance in it, were those of another plant.
+            self._believed.restart()
+        else:
+            self._believed.forget()
         self._watch.verify(self._believed.values, covariance)
 
     def _slice(self, part: Slice) -> list[Event]:

@@ -248,6 +248,16 @@ def test_a_changed_controller_or_study_is_another_question(house):
     assert "cannot be read" in house.monitor.decide().because
 
 
+def test_a_changed_file_is_logged_within_a_second_and_not_read_with_every_batch(house):
+    house.verified()
+    controller = house.folder / "pid.toml"
+    controller.write_text(controller.read_text().replace("5.0", "6.0"))
+    assert house.run(0.02) == []
+    events = house.monitor.tick()
+    assert [e.kind for e in events] == [KINDS.GATE]
+    assert "another controller" in events[0].detail["because"]
+
+
 def test_rolling_back_brings_the_earlier_parameters_and_needs_a_new_look(house):
     house.verified()
     first = house.monitor.in_force[0]
