@@ -176,8 +176,12 @@ def linearise_all(
     sd: Vector,
     priors: Mapping[str, Prior] = NO_PRIORS,
 ) -> Linearised:
-    """Linearise several records and priors as one; x0 and sd run over all records."""
+    """Linearise several records and priors as one; x0 and sd run over all records.
+
+    Priors are added to those that the problem has.
+    """
     names = parts[0].shooting.sensitive
+    priors = {**parts[0].problem.priors, **priors}
     ns, window, channel = len(names), 0, 0
     found: list[Linearised] = []
     for part in parts:

@@ -6,9 +6,13 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
+from typing import TYPE_CHECKING
 
 from foundation.errors import InputError, UnknownNameError
-from identification.problem import Problem
+
+if TYPE_CHECKING:
+    # A problem has priors.
+    from identification.problem import Problem
 
 
 @dataclass(frozen=True)

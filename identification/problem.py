@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fmus.dae import Dae, Role, ScalarType
 from foundation.errors import ChannelError, ExcitationError, UnknownNameError
+from identification.priors import NO_PRIORS, Prior
 from recordings.recording import Recording
 from recordings.resample import Kind
 
@@ -36,6 +37,7 @@ class Problem:
         measured_inputs: Inputs that were measured, not commanded: between their samples they run in
             straight lines, others hold.
         following: States of sensors, whose start follows from the signal that they filter.
+        priors: What is known of parameters beforehand.
     """
 
     dae: Dae
@@ -49,6 +51,7 @@ class Problem:
     notes: tuple[str, ...] = ()
     measured_inputs: tuple[str, ...] = ()
     following: tuple[str, ...] = ()
+    priors: Mapping[str, Prior] = field(default_factory=lambda: NO_PRIORS)
 
     @property
     def sample_time(self) -> float:

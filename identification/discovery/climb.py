@@ -17,7 +17,8 @@ import numpy as np
 
 from foundation.progress import Progress, silent
 from identification.discovery.crossvalidation import Verdict, crossvalidate_candidate
-from identification.discovery.diagnosis import TIE, Diagnosis, Outcome, diagnose
+from identification.discovery.diagnosis import TIE, Diagnosis, Outcome, at_floor, diagnose
+from identification.discovery.empirical import propose
 from identification.discovery.evidence import Refit, independent_of_all, log_gain, price
 from identification.discovery.extension import Addition, ExtendedModel
 from identification.discovery.superfluous import without_superfluous
@@ -27,6 +28,11 @@ from identification.prediction import WINDOW
 
 # A simpler law with less than this share of the chosen one's evidence is no rival.
 _NEARLY = 0.5
+# A curve that takes up less than this share of what is left is not what is left of a law's shape.
+_MOST = 0.3
+# It is not looked for where what is left is this many times the noise, or less: on unseen data, where
+# parameters have not followed, the same shape leaves more.
+_AT_FLOOR = 1.03
 
 
 @dataclass(frozen=True)
@@ -69,12 +75,44 @@ def climb(
     rungs = _straight(
         [Rung(model, experiment, fit, None, (), None, diagnosis)], max_effects, progress
     )
+    return _with_curve(_with_detours(rungs, max_effects, progress), max_effects, progress)
+
+
+def _with_detours(rungs: list[Rung], max_effects: int, progress: Progress) -> list[Rung]:
+    """Return the rungs of a better way up, if there is one."""
     for below in [rungs[: k + 1] for k in range(len(rungs) - 1)]:
         for rival in _rivals(below[-1].diagnosis, rungs[-1].diagnosis.outcome):
             other = _detour(below, rival, max_effects, progress)
             if other and _is_better(other[-1], rungs[-1]):
                 taken = _as_taken(other, len(below) - 1, rival)
                 return _straight(taken, max_effects, progress)
+    return rungs
+
+
+def _with_curve(rungs: list[Rung], max_effects: int, progress: Progress) -> list[Rung]:
+    """Take up by a curve what the shapes of the laws that were added leave over.
+
+    A machine's friction is only nearly the textbook's. Where the noise is a thousandth of it, that
+    shows, and what is left can hide another effect. With a curve, nothing is called complete: what
+    acts is described, not named.
+    """
+    top = rungs[-1]
+    at = {a.place.name for a in top.model.additions if not a.effect.has_memory}
+    if not at or not _has_room(rungs, max_effects):
+        return rungs
+    if at_floor(top.experiment, top.fit, top.experiment.noise(), times=_AT_FLOOR):
+        return rungs
+    progress("looking for a curve where effects were added")
+    curve = propose(top.model, top.experiment, top.fit, top.diagnosis.refits, at=at)
+    if curve is None or curve.verdict.removed < _MOST:
+        return rungs
+    label = curve.refit.addition.label
+    found = replace(top.diagnosis, checks={**top.diagnosis.checks, label: curve.verdict})
+    up = _up(replace(top, diagnosis=found), curve.refit, progress)
+    rungs = _straight([*rungs, up], max_effects, progress)
+    last = rungs[-1]
+    if last.diagnosis.outcome is Outcome.COMPLETE:
+        rungs[-1] = replace(last, diagnosis=replace(last.diagnosis, outcome=Outcome.UNKNOWN_SHAPE))
     return rungs
 
 

@@ -23,7 +23,7 @@ _KINDS = {
     "TranslationalEffect": "translational",
     "SignalEffect": "signal",
 }
-_EMPIRICAL = ("RotationalEmpirical", "TranslationalEmpirical")
+_EMPIRICAL = ("RotationalEmpirical", "TranslationalEmpirical", "SignalEmpirical")
 _TOKEN = re.compile(
     r"\b(end)\s+(\w+)\s*;|\b(partial\s+)?(package|model|block)\s+(\w+)\b(?!\s*=)"
     r"|\bextends\s+\.?([\w.]+)|\bRealInput\s+(\w+)"
@@ -149,6 +149,16 @@ def find_effects(source: ModelicaSource | None = None) -> tuple[Effect, ...]:
     return tuple(found.values())
 
 
+def kind_at(place_kind: str) -> str:
+    """Return the kind of effects that act at a kind of place.
+
+    Example:
+        >>> kind_at("input"), kind_at("rotational")
+        ('signal', 'rotational')
+    """
+    return "signal" if place_kind in ("input", "output") else place_kind
+
+
 def resolve(name: str, kind: str, effects: tuple[Effect, ...]) -> Effect:
     """Return the effect that a user's word means at a place of a given kind.
 
@@ -160,7 +170,7 @@ def resolve(name: str, kind: str, effects: tuple[Effect, ...]) -> Effect:
     Raises:
         UnknownNameError: No such effect acts at this kind of place.
     """
-    wanted = "signal" if kind in ("input", "output") else kind
+    wanted = kind_at(kind)
     fitting = [e for e in effects if e.kind == wanted]
     for effect in fitting:
         if name in (effect.class_name, effect.name):

@@ -2,32 +2,38 @@
 
 Where no law of the library explains what a model leaves over, the curve that explains it best is
 proposed as an effect of its own (`EmpiricalOverSpeed`, …), marked as empirical. It is judged like
-any other effect, on windows that its fit has not seen, but never added unasked: it says what acts,
-not why.
+any other effect, on windows that its fit has not seen. Where nothing has a name it is never added
+unasked: it says what acts, not why. Where an effect was named and its law is only nearly the
+machine's, a curve at the same place takes up what the law's shape leaves over.
 """
 
 from __future__ import annotations
 
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fmus.places import places
+from fmus.places import Place, places
 from identification.discovery.characteristic import variable_of
 from identification.discovery.crossvalidation import Verdict, crossvalidate_candidate
-from identification.discovery.effects import find_effects
+from identification.discovery.effects import find_effects, kind_at
 from identification.discovery.evidence import Refit, refit_all
 from identification.discovery.extension import Addition, ExtendedModel, addition_at, extend
-from identification.discovery.scan import score_group
+from identification.discovery.scan import Scored, score_group
 from identification.discovery.transfer import transfer_all_states, transfer_problems
 from identification.experiment import Experiment
 from identification.gauss_newton import Fit
 from identification.linearisation import simulate
+from identification.priors import Prior
 from identification.problem import Matrix
 from identification.shooting import Shooting
 
 _TRIED = 2
 _LEAST_EVIDENCE = 8.0  # [nats]
+# Width of the bumps' prior in their median height, and of what was found before in its deviation.
+_WIDTH = 2.0
+_AS_FOUND = 10.0
 
 
 @dataclass(frozen=True)
@@ -59,6 +65,8 @@ def propose(
     experiment: Experiment,
     fit: Fit,
     refits: tuple[Refit, ...] = (),
+    *,
+    at: Collection[str] | None = None,
 ) -> Proposal | None:
     """Return the curve that explains best what a model leaves over, if one does.
 
@@ -67,6 +75,7 @@ def propose(
         experiment: That model on the record.
         fit: Its fit.
         refits: Of named effects, best first, to say which come nearest.
+        at: Names of the places to look at; by default every flange and input.
 
     Raises:
         UnsupportedModelError: The model cannot be simulated with sensitivities.
@@ -76,13 +85,14 @@ def propose(
         addition_at(model.base, effect, place)
         for place in places(model.base)
         for effect in find_effects(model.base)
-        if effect.empirical and effect.kind == place.kind
+        if effect.empirical and _is_asked(place, at) and effect.kind == kind_at(place.kind)
     ]
     curves = [_over_record(model, experiment, fit, a) for a in curves if a.label not in have]
     if not curves:
         return None
     scored = sorted(score_group(model, experiment, fit, curves), key=lambda s: -s.gain)
-    tried = [s for s in scored[:_TRIED] if s.gain > 0]
+    known = _as_found(model, fit)
+    tried = [_held_to_its_size(s, known) for s in scored[:_TRIED] if s.gain > 0]
     for found in refit_all(model, experiment, fit, tried)[0]:
         if found.merit < _LEAST_EVIDENCE:
             continue
@@ -93,6 +103,42 @@ def propose(
             over = variable_of(found.addition.effect, model.base).words
             return Proposal(found, over, verdict, tuple(near[:3]))
     return None
+
+
+def _as_found(model: ExtendedModel, fit: Fit) -> dict[str, Prior]:
+    """Return the fitted parameters as priors, some standard deviations wide.
+
+    A curve over a signal can stand for a gain, which no record tells from all masses and springs
+    being larger, and one over speed for viscous friction. It is to take up what is left over, not
+    what has been found.
+    """
+    sds = _AS_FOUND * np.sqrt(np.diag(fit.covariance))
+    return {
+        model.user_name(name): Prior(fit.values[name], float(sd))
+        for name, sd in zip(fit.free, sds, strict=True)
+        if np.isfinite(sd) and sd > 0
+    }
+
+
+def _held_to_its_size(scored: Scored, known: Mapping[str, Prior]) -> Scored:
+    """Return a curve whose bumps have a prior as wide as most of them are high.
+
+    Where the record hardly goes, nothing holds a bump, and a fit to a part of the record sends it
+    anywhere.
+    """
+    heights = np.array(list(scored.values.values()))
+    size = _WIDTH * float(np.median(np.abs(heights)))
+    if not size > 0:
+        return scored
+    start = dict(zip(scored.values, np.clip(heights, -size, size).tolist(), strict=True))
+    addition = scored.addition
+    own = {f"{addition.instance}.{p}": Prior(0.0, size) for p in addition.effect.main_parameters}
+    return replace(scored, addition=replace(addition, priors={**known, **own}), values=start)
+
+
+def _is_asked(place: Place, at: Collection[str] | None) -> bool:
+    # A sensor bends what it shows only if that is already known: any law of the machine shows there.
+    return place.kind != "output" if at is None else place.name in at
 
 
 def _over_record(

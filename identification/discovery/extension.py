@@ -23,6 +23,7 @@ from fmus.places import Place, places
 from fmus.sources import ModelicaSource
 from foundation.errors import InputError, UnknownNameError
 from identification.discovery.effects import Effect, find_effects, resolve
+from identification.priors import NO_PRIORS, Prior
 
 _WIDTH = 92
 _SHORT = 40
@@ -41,6 +42,8 @@ class Addition:
         values: Its parameters, where they differ from the defaults.
         starts: Values of what gives its initial state, for an effect with a memory.
         number: Which one it is of its kind here, counting those that the model had before.
+        priors: What is known, by the user's names of parameters, where a record need not tell what
+            is new from what was there before.
     """
 
     effect: Effect
@@ -48,6 +51,7 @@ class Addition:
     values: Mapping[str, float] = field(default_factory=dict[str, float])
     starts: Mapping[str, float] = field(default_factory=dict[str, float])
     number: int = 1
+    priors: Mapping[str, Prior] = field(default_factory=lambda: NO_PRIORS)
 
     @property
     def instance(self) -> str:
@@ -90,6 +94,15 @@ class ExtendedModel:
     def wrapped(self) -> bool:
         """The user's model is a component of this one, not its base class."""
         return _wrapped(self.additions)
+
+    @property
+    def priors(self) -> Mapping[str, Prior]:
+        """What the additions know of parameters beforehand, by flat names."""
+        return {
+            self.flat_name(name): prior
+            for addition in self.additions
+            for name, prior in addition.priors.items()
+        }
 
     def user_name(self, name: str) -> str:
         """Return a variable's name as the user knows it, whatever wrapper was built around it."""
@@ -333,9 +346,10 @@ def chain(additions: Sequence[Addition], place: str) -> list[Addition]:
 
     def turn(addition: Addition) -> int:
         # A delay needs the bare input as operand, and the finished output.
-        if not addition.effect.delays:
-            return 1
-        return 0 if addition.place.kind == "input" else 2
+        if addition.effect.delays:
+            return 0 if addition.place.kind == "input" else 3
+        # A limit leaves a curve behind it nothing of what it cuts off.
+        return 1 if addition.effect.empirical else 2
 
     return sorted(here, key=turn)
 

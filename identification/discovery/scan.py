@@ -222,5 +222,5 @@ def _score(
 
 
 def _gradient(at: Linearised) -> Vector:
-    """Return Jᵀr with the initial states eliminated (scores summed over blocks)."""
-    return np.sum(at.scores, axis=0)
+    """Return Jᵀr with the initial states eliminated (scores summed over blocks), and the priors'."""
+    return np.sum(at.scores, axis=0) + at.pull

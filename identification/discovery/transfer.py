@@ -56,7 +56,14 @@ def transfer_problem(
     )
     sensors = tuple(f"{a.instance}." for a in model.additions if a.place.kind == "output")
     following = tuple(v.name for v in dae.states if sensors and v.name.startswith(sensors))
-    return replace(problem, dae=dae, free=free, values=independent, following=following)
+    return replace(
+        problem,
+        dae=dae,
+        free=free,
+        values=independent,
+        following=following,
+        priors=model.priors,
+    )
 
 
 def transfer_problems(

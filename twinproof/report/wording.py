@@ -106,7 +106,7 @@ def error_measure(problem: Problem, horizon: float | None) -> str:
 def improvement_headline(improvement: Improvement) -> str:
     """Return the answer in one line."""
     name = improvement.steps[0].model.base.short_name
-    added = [a.label for a in improvement.added]
+    added = [a.label for a in improvement.added if not a.effect.empirical]
     if added:
         verb = "is" if len(added) == 1 else "are"
         return f"{together(added)} {verb} missing from {name}"
@@ -184,12 +184,20 @@ def at_noise(comparison: Comparison) -> bool:
 def remaining(improvement: Improvement) -> str:
     """Return what the last model still lacks, and how far it is from the noise."""
     ratio = noise_ratio(_scored(improvement.steps[-1]))
-    sentence = REMAINS[improvement.outcome]
+    curves = [spoken(a.label) for a in improvement.added if a.effect.empirical]
+    sentence = _curves_sentence(curves) if curves else REMAINS[improvement.outcome]
     if ratio > FAR:
         return f"{sentence} The error is far above the noise: better sensors would not lower it."
     return (
         f"{sentence} Every channel’s error is at most {significant(ratio)} times what sensor noise "
         "alone would leave."
+    )
+
+
+def _curves_sentence(curves: Sequence[str]) -> str:
+    return (
+        f"What the shapes of the library’s laws leave over was taken up by {listed(curves)}: a "
+        "curve drawn from these data, which describes what acts there and does not explain it."
     )
 
 
