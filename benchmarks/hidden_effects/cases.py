@@ -29,7 +29,6 @@ _UNKNOWN_SIZE = 0.2
 # A constant force at the flange that the input drives is an offset of that input, in any units, and
 # a dead band that the input jumps over is dry friction of its own sign: names of one law.
 _DRIVEN = {
-    "wheeled pendulum": "",
     "positioner": "carriage",
     "pendulum": "joint",
     "balancing robot": "motor",
@@ -73,21 +72,28 @@ class Case:
 
 def right_labels(plant: str, hidden: Hidden) -> tuple[str, ...]:
     """Return the product's names of a hidden effect: more than one where they are the same law."""
-    effect, place = hidden.effect, hidden.place
-    translational = plant in ("positioner", "oscillator")
-    if effect == "Constant":
-        effect = "ConstantForce" if translational else "ConstantTorque"
-    labels = [f"{effect}@{place}"]
-    driven, command = _DRIVEN[plant], PLANTS[plant].command[0]
-    constant = "ConstantForce" if translational else "ConstantTorque"
-    if driven and (labels[0] == f"{constant}@{driven}" or labels[0] == f"Offset@{command}"):
-        labels = [f"{constant}@{driven}", f"Offset@{command}"]
+    effect = _constant(plant) if hidden.effect == "Constant" else hidden.effect
+    return names_of_one_law(plant, f"{effect}@{hidden.place}")
+
+
+def names_of_one_law(plant: str, label: str) -> tuple[str, ...]:
+    """Return all of the product's names for what one of its names stands for, that one first."""
+    names = (f"Offset@{PLANTS[plant].command[0]}",)
+    if plant in _DRIVEN:
+        names = (*names, f"{_constant(plant)}@{_DRIVEN[plant]}")
+    if plant == "oscillator":
         # A spring that is not at its rest position when the sensor says so.
-        if plant == "oscillator":
-            labels.append("Offset@s")
-    if plant == "oscillator" and labels[0] == "Offset@s":
-        labels += ["ConstantForce@mass", "Offset@F"]
-    return tuple(labels)
+        names = (*names, "Offset@s")
+    # Two inertias joined by a spring alone: only the difference of their angles acts.
+    same = (names, ("Offset@phi_1", "Offset@phi_2")) if plant == "two-mass drive" else (names,)
+    for law in same:
+        if label in law:
+            return (label, *(name for name in law if name != label))
+    return (label,)
+
+
+def _constant(plant: str) -> str:
+    return "ConstantForce" if plant in ("positioner", "oscillator") else "ConstantTorque"
 
 
 def cases() -> tuple[Case, ...]:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 import twinproof
-from benchmarks.hidden_effects.cases import Case, right_labels
+from benchmarks.hidden_effects.cases import Case, names_of_one_law, right_labels
 from benchmarks.hidden_effects.detectability import log_likelihood_ratio
 from benchmarks.hidden_effects.plants import PLANTS, Plant
 from benchmarks.hidden_effects.simulation import FellOverError, Run, simulate
@@ -175,15 +175,15 @@ def _improved(
         tie,
         tuple(a.label for a in found.added),
         sum(any(label in named for label in right) for right in rights),
-        _point(first, tie, rights[0]) if case.group == "one" else 0.0,
+        _point(case.plant, first, tie, rights[0]) if case.group == "one" else 0.0,
         float(np.sqrt(np.mean(np.square(ratios)))),
         seconds,
     )
 
 
-def _point(first: str, tie: tuple[str, ...], right: tuple[str, ...]) -> float:
+def _point(plant: str, first: str, tie: tuple[str, ...], right: tuple[str, ...]) -> float:
     """Return the score of a naming, ties shared out; names of one law count as one."""
-    others = [label for label in tie if label not in right]
+    others = {frozenset(names_of_one_law(plant, label)) for label in tie if label not in right}
     if first in right and not others:
         return 1.0
     size = len(others) + 1

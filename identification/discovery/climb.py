@@ -30,8 +30,8 @@ from identification.prediction import WINDOW
 _NEARLY = 0.5
 # A curve that takes up less than this share of what is left is not what is left of a law's shape.
 _MOST = 0.3
-# It is not looked for where what is left is this many times the noise, or less: on unseen data, where
-# parameters have not followed, the same shape leaves more.
+# It is looked for above this many times the noise: on unseen data, which parameters have not
+# followed, the same shape leaves more.
 _AT_FLOOR = 1.03
 
 
@@ -92,9 +92,10 @@ def _with_detours(rungs: list[Rung], max_effects: int, progress: Progress) -> li
 def _with_curve(rungs: list[Rung], max_effects: int, progress: Progress) -> list[Rung]:
     """Take up by a curve what the shapes of the laws that were added leave over.
 
-    A machine's friction is only nearly the textbook's. Where the noise is a thousandth of it, that
-    shows, and what is left can hide another effect. With a curve, nothing is called complete: what
-    acts is described, not named.
+    A machine's friction is only nearly the textbook's, and where the noise is a thousandth of it,
+    that shows. A curve is the last step: it bends to what another effect does as well, so that
+    beside it no law can be judged (on the EMPS record a rolling resistance came next, which the
+    unseen record contradicts). Nor is anything complete with one: what acts is drawn, not named.
     """
     top = rungs[-1]
     at = {a.place.name for a in top.model.additions if not a.effect.has_memory}
@@ -102,18 +103,19 @@ def _with_curve(rungs: list[Rung], max_effects: int, progress: Progress) -> list
         return rungs
     if at_floor(top.experiment, top.fit, top.experiment.noise(), times=_AT_FLOOR):
         return rungs
-    progress("looking for a curve where effects were added")
-    curve = propose(top.model, top.experiment, top.fit, top.diagnosis.refits, at=at)
+    curve = top.diagnosis.proposal
+    if curve is None or curve.refit.addition.place.name not in at:
+        progress("looking for a curve where effects were added")
+        curve = propose(top.model, top.experiment, top.fit, top.diagnosis.refits, at=at)
     if curve is None or curve.verdict.removed < _MOST:
         return rungs
-    label = curve.refit.addition.label
-    found = replace(top.diagnosis, checks={**top.diagnosis.checks, label: curve.verdict})
-    up = _up(replace(top, diagnosis=found), curve.refit, progress)
-    rungs = _straight([*rungs, up], max_effects, progress)
-    last = rungs[-1]
-    if last.diagnosis.outcome is Outcome.COMPLETE:
-        rungs[-1] = replace(last, diagnosis=replace(last.diagnosis, outcome=Outcome.UNKNOWN_SHAPE))
-    return rungs
+    found, checks = curve.refit, {**top.diagnosis.checks, curve.refit.addition.label: curve.verdict}
+    asked = replace(top, diagnosis=replace(top.diagnosis, checks=checks))
+    nothing_asked = Diagnosis(Outcome.UNKNOWN_SHAPE, (), (), None, {}, {}, "")
+    last = Rung(
+        found.model, found.experiment, found.fit, found.addition, (), curve.verdict, nothing_asked
+    )
+    return [*rungs[:-1], asked, last]
 
 
 def _straight(rungs: Sequence[Rung], max_effects: int, progress: Progress) -> list[Rung]:

@@ -129,7 +129,11 @@ def diagnose(
         found = _with_disturbance(model, experiment, fit, found, progress)
     if found.outcome is Outcome.UNKNOWN_SHAPE:
         progress("looking for a curve without a name")
-        found = replace(found, proposal=propose(model, experiment, fit, found.refits))
+        # Where something was added, its law is likely to be only nearly the machine's.
+        at = {a.place.name for a in model.additions if not a.effect.has_memory}
+        curve = propose(model, experiment, fit, found.refits, at=at) if at else None
+        curve = curve or propose(model, experiment, fit, found.refits)
+        found = replace(found, proposal=curve)
     return found
 
 

@@ -137,7 +137,7 @@ def _held_to_its_size(scored: Scored, known: Mapping[str, Prior]) -> Scored:
 
 
 def _is_asked(place: Place, at: Collection[str] | None) -> bool:
-    # A sensor bends what it shows only if that is already known: any law of the machine shows there.
+    # That a sensor bends what it shows has to be known: any law of the machine shows there.
     return place.kind != "output" if at is None else place.name in at
 
 

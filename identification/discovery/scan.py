@@ -222,5 +222,5 @@ def _score(
 
 
 def _gradient(at: Linearised) -> Vector:
-    """Return Jᵀr with the initial states eliminated (scores summed over blocks), and the priors'."""
+    """Return Jᵀr with the initial states eliminated (summed over blocks), and the priors' pull."""
     return np.sum(at.scores, axis=0) + at.pull

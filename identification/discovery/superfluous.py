@@ -40,16 +40,13 @@ def without_superfluous(
     """Try the model without each of its effects but the newest, and leave out what is not missed.
 
     An effect goes if the model without it, refitted, is as good: it loses no more likelihood than
-    chance would give, or unseen windows are predicted no worse. Beside a curve without a name all
-    stay: it can stand for any of them.
+    chance would give, or unseen windows are predicted no worse.
 
     Args:
         model, experiment, present: With all effects.
         noise: (channels of all records,) standard deviation of the sensors' noise.
     """
     found = Slimmer(model, experiment, present)
-    if any(addition.effect.empirical for addition in model.additions):
-        return found
     for addition in model.additions[:-1]:
         smaller = _without(found, addition)
         if np.isfinite(smaller.fit.at.cost) and _is_as_good(smaller, found, noise):

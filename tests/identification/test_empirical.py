@@ -67,6 +67,7 @@ def test_empirical_effects_are_there_but_not_searched_for():
         "EmpiricalOverSpeed",
         "EmpiricalOverAngle",
         "EmpiricalOverPosition",
+        "EmpiricalOverSignal",
     }
 
 
