@@ -17,7 +17,7 @@ import numpy as np
 
 from foundation.progress import Progress, silent
 from identification.discovery.crossvalidation import Verdict, crossvalidate_candidate
-from identification.discovery.diagnosis import TIE, Diagnosis, Outcome, at_floor, diagnose
+from identification.discovery.diagnosis import TIE, Diagnosis, Outcome, diagnose
 from identification.discovery.empirical import propose
 from identification.discovery.evidence import Refit, independent_of_all, log_gain, price
 from identification.discovery.extension import Addition, ExtendedModel
@@ -30,9 +30,8 @@ from identification.prediction import WINDOW
 _NEARLY = 0.5
 # A curve that takes up less than this share of what is left is not what is left of a law's shape.
 _MOST = 0.3
-# It is looked for above this many times the noise: on unseen data, which parameters have not
-# followed, the same shape leaves more.
-_AT_FLOOR = 1.03
+# It is looked for where predictions are further off than this many times what noise would leave.
+_AT_FLOOR = 1.1
 
 
 @dataclass(frozen=True)
@@ -101,7 +100,7 @@ def _with_curve(rungs: list[Rung], max_effects: int, progress: Progress) -> list
     at = {a.place.name for a in top.model.additions if not a.effect.has_memory}
     if not at or not _has_room(rungs, max_effects):
         return rungs
-    if at_floor(top.experiment, top.fit, top.experiment.noise(), times=_AT_FLOOR):
+    if _predicts_to_the_floor(top.experiment, top.fit):
         return rungs
     curve = top.diagnosis.proposal
     if curve is None or curve.refit.addition.place.name not in at:
@@ -116,6 +115,19 @@ def _with_curve(rungs: list[Rung], max_effects: int, progress: Progress) -> list
         found.model, found.experiment, found.fit, found.addition, (), curve.verdict, nothing_asked
     )
     return [*rungs[:-1], asked, last]
+
+
+def _predicts_to_the_floor(experiment: Experiment, fit: Fit) -> bool:
+    """Whether errors over one-second windows are what sensor noise alone would leave.
+
+    What a fit leaves over says less: its windows' initial states follow a law that is a little off.
+    """
+    ny = len(experiment.problem.output_names)
+    for k, record in enumerate(experiment.records):
+        found = record.predict(fit.values, record.short, sd=fit.sd[k * ny :])
+        if not np.all(found.rmse[found.moves] <= _AT_FLOOR * found.floor[found.moves]):
+            return False
+    return True
 
 
 def _straight(rungs: Sequence[Rung], max_effects: int, progress: Progress) -> list[Rung]:

@@ -291,22 +291,13 @@ def _outcome(
         equal = any(r is not chosen and len(r.addition.values) <= size for r in rivals)
         # A shape at the end of its range stands for something else.
         return Outcome.UNDETERMINED if equal or chosen.at_bound else Outcome.EFFECT
-    return Outcome.COMPLETE if at_floor(experiment, fit, noise) else Outcome.UNKNOWN_SHAPE
-
-
-def at_floor(experiment: Experiment, fit: Fit, noise: Vector, *, times: float = _AT_FLOOR) -> bool:
-    """Whether a fit leaves no more than the sensors' noise.
-
-    Args:
-        experiment, fit: A model and its fit.
-        noise: (channels of all records,) standard deviation of the sensors' noise.
-        times: As many times the noise count as no more.
-    """
     # Below this the integration's own error and the recording's digits begin.
     smallest = _NUMERICAL * np.concatenate(
         [np.std(problem.outputs, axis=0) for problem in experiment.problems]
     )
-    return bool(np.all(fit.at.rms <= times * np.fmax(noise, smallest)))
+    if np.all(fit.at.rms <= _AT_FLOOR * np.fmax(noise, smallest)):
+        return Outcome.COMPLETE
+    return Outcome.UNKNOWN_SHAPE
 
 
 def _is_sensor(chosen: Refit, rivals: tuple[Refit, ...]) -> bool:
