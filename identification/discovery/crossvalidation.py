@@ -34,7 +34,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from identification.discovery.evidence import Refit
+from identification.discovery.evidence import Refit, chance_of_nothing
 from identification.experiment import Experiment
 from identification.gauss_newton import Fit, fit_together
 from identification.linearisation import Part
@@ -138,9 +138,8 @@ def crossvalidate_candidate(
 ) -> Verdict:
     """Compare a model with the one that has a candidate too (see `crossvalidate`).
 
-    Its parameters must also be told from nothing, by their covariance (Wald's test; honest beside
-    residuals with a memory, as it sums scores over blocks). Beside a slow disturbance, forty short
-    windows preferred a spring of -0.0009 ± 0.0009 N.m/rad at p = 2e-5.
+    Its parameters must also be told from nothing by their covariance: beside a slow disturbance,
+    forty short windows preferred a spring of -0.0009 ± 0.0009 N.m/rad at p = 2e-5.
 
     Args:
         experiment, base: The model and its fit.
@@ -157,28 +156,11 @@ def crossvalidate_candidate(
         tried=tried,
         patient=len(candidate.model.additions) == 1 or candidate.addition.effect.empirical,
     )
-    chance = min(1.0, tried * _chance_of_nothing(candidate))
+    chance = min(1.0, tried * chance_of_nothing(candidate))
     if not verdict.accepted or chance <= LARGEST_CHANCE:
         return verdict
     reason = f"its parameters are not told from nothing ({_in_words(chance)})"
     return replace(verdict, accepted=False, reason=reason)
-
-
-def _chance_of_nothing(candidate: Refit) -> float:
-    """Return the chance of parameters as large as a candidate's, were it absent.
-
-    Of a curve nothing is asked: where the record hardly goes, its bumps are what their prior says.
-    """
-    effect, fit = candidate.addition.effect, candidate.fit
-    names = [candidate.model.parameter_of(candidate.addition, p) for p in effect.main_parameters]
-    if effect.empirical or any(name in fit.held or name not in fit.free for name in names):
-        return 0.0
-    index = [fit.free.index(name) for name in names]
-    theta = np.array([fit.values[name] for name in names])
-    scale = np.sqrt(np.diag(fit.covariance)[index])
-    correlation = fit.covariance[np.ix_(index, index)] / np.outer(scale, scale)
-    statistic = (theta / scale) @ np.linalg.pinv(correlation, hermitian=True) @ (theta / scale)
-    return float(stats.chi2.sf(statistic, len(names)))
 
 
 def _windows(record: Experiment, length: float) -> tuple[Window, ...]:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
+from scipy import stats
 
 from foundation.errors import DivergenceError, TwinproofError
 from foundation.progress import Progress, counted, silent
@@ -234,6 +235,25 @@ def log_gain(base: Fit, better: Fit) -> tuple[Vector, float]:
     # Weighted as in the base fit, where every channel's misfit has unit size.
     removed = 1.0 - float(np.mean(np.exp(2 * (after - before))))
     return before - after, removed
+
+
+def chance_of_nothing(candidate: Refit) -> float:
+    """Return the chance of parameters as large as a candidate's, were it absent (Wald's test).
+
+    Beside residuals with a memory it is honest, as the covariance is: scores are summed over
+    blocks. Of a curve without a name nothing is asked: where the record hardly goes, its bumps are
+    what their prior says.
+    """
+    effect, fit = candidate.addition.effect, candidate.fit
+    names = [candidate.model.parameter_of(candidate.addition, p) for p in effect.main_parameters]
+    if effect.empirical or any(name in fit.held or name not in fit.free for name in names):
+        return 0.0
+    index = [fit.free.index(name) for name in names]
+    scale = np.sqrt(np.diag(fit.covariance)[index])
+    score = np.array([fit.values[name] for name in names]) / scale
+    correlation = fit.covariance[np.ix_(index, index)] / np.outer(scale, scale)
+    statistic = float(score @ np.linalg.pinv(correlation, hermitian=True) @ score)
+    return float(stats.chi2.sf(statistic, len(names)))
 
 
 def independent_of_all(experiment: Experiment, fit: Fit) -> Vector:

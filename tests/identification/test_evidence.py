@@ -1,14 +1,20 @@
 """What a refit is worth, and whether a term predicts what it has not seen."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 import truth_records as truth
-from scipy import signal
+from scipy import signal, stats
 
-from identification.discovery.crossvalidation import crossvalidate
-from identification.discovery.evidence import independent_samples, refit, refit_all
+from identification.discovery.crossvalidation import crossvalidate, crossvalidate_candidate
+from identification.discovery.evidence import (
+    chance_of_nothing,
+    independent_samples,
+    refit,
+    refit_all,
+)
 from identification.discovery.extension import extend
 from identification.discovery.scan import scan
 from identification.experiment import Experiment
@@ -127,6 +133,58 @@ def test_trying_more_candidates_asks_for_more():
         judged("CoulombFriction@joint", 0.05, tried=8),
     )
     assert many.chance == pytest.approx(8 * one.chance)
+
+
+def test_a_small_friction_shows_over_whole_windows():
+    """Over 0.25 s it hides in the initial states; what is left over is white, so 1 s are asked."""
+    found = tried("CoulombFriction@joint", 0.004)
+    label, options = "CoulombFriction@joint", {"independent": found.independent, "tried": 50}
+    patient = judged(label, 0.004, patient=True, **options)
+    assert patient.accepted
+    assert patient.chance < 1e-6
+    assert not judged(label, 0.004, **options).accepted
+
+
+def test_beside_something_slow_only_short_windows_are_asked():
+    """A tenth of the samples independent: over ten windows the same gain may be a disturbance's."""
+    found = tried("CoulombFriction@joint", 0.004)
+    few = 0.1 * found.independent
+    assert not judged("CoulombFriction@joint", 0.004, patient=True, independent=few).accepted
+
+
+def test_the_chance_of_nothing_is_that_of_a_normal_deviate():
+    found = tried("CoulombFriction@joint", 0.0)
+    k = found.fit.free.index(found.model.parameter_of(found.addition, "tau_c"))
+    deviate = found.addition.values["tau_c"] / np.sqrt(found.fit.covariance[k, k])
+    assert chance_of_nothing(found) == pytest.approx(2 * stats.norm.sf(abs(deviate)))
+    assert chance_of_nothing(tried("CoulombFriction@joint", 0.05)) < 1e-12
+
+
+def test_the_chance_of_several_parameters_has_no_units():
+    found = tried("Cogging@joint", 0.0)
+    k = found.fit.free.index(found.model.parameter_of(found.addition, "tau_s"))
+    units = np.ones(len(found.fit.free))
+    units[k] = 1e6
+    name = found.fit.free[k]
+    fit = replace(
+        found.fit,
+        values={**found.fit.values, name: 1e6 * found.fit.values[name]},
+        covariance=found.fit.covariance * np.outer(units, units),
+    )
+    chance = chance_of_nothing(found)
+    assert 1e-3 < chance < 1
+    assert chance_of_nothing(replace(found, fit=fit)) == pytest.approx(chance, rel=1e-6)
+
+
+def test_what_is_not_told_from_nothing_is_not_let_in():
+    """Windows that prefer it do not help it: its size may be anything."""
+    experiment, base = fitted(0.05)
+    found = tried("CoulombFriction@joint", 0.05)
+    assert crossvalidate_candidate(experiment, base, found, tried=8).accepted
+    unsure = replace(found.fit, covariance=1e6 * found.fit.covariance)
+    verdict = crossvalidate_candidate(experiment, base, replace(found, fit=unsure), tried=8)
+    assert not verdict.accepted
+    assert "not told from nothing" in verdict.reason
 
 
 def test_a_short_record_cannot_be_judged():

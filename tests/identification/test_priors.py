@@ -182,3 +182,14 @@ def test_from_python_a_prior_is_a_pair_and_needs_output_error():
     assert found.estimate.values["b"] == pytest.approx(-0.25, abs=1e-6)
     with pytest.raises(InputError, match="no priors"):
         twinproof.identify(model, data, priors={"b": (-0.25, 1.0)}, method="kalman")
+
+
+def test_a_problems_own_priors_count_like_those_given():
+    known = {"b": Prior(-0.28, 0.003)}
+    given = record(3)
+    told = fit_stages([Experiment.of(given)], priors=known)[-1]
+    own = fit_stages([Experiment.of(replace(given, priors=known))])[-1]
+    without = fit_stages([Experiment.of(given)])[-1]
+    assert own.values == pytest.approx(told.values)
+    np.testing.assert_allclose(own.covariance, told.covariance)
+    assert abs(own.values["b"] + 0.28) < 0.5 * abs(without.values["b"] + 0.28)
