@@ -247,9 +247,11 @@ def fitted_model(rung: Rung, fit: Fit, x0: Vector, number: int) -> ExtendedModel
             if name.startswith(prefix)
         }
         parameters = {p.name for p in addition.effect.parameters}
+        # What is known of it, such as the range of a curve, is not among what was fitted.
+        fitted = {name: value for name, value in own.items() if name in parameters}
         additions[k] = replace(
             addition,
-            values={name: value for name, value in own.items() if name in parameters},
+            values={**addition.values, **fitted},
             starts={name: value for name, value in own.items() if name not in parameters},
         )
     return extend(model.base, additions, values=by_user, name=f"{model.base.short_name}_{number}")

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import truth_records as truth
 
+from fmus.frontend import load
 from fmus.places import places
 from identification.discovery.climb import climb
 from identification.discovery.diagnosis import Outcome
@@ -75,6 +76,17 @@ def test_the_report_says_that_the_curve_explains_nothing():
     found = improved()
     assert wording.improvement_headline(found) == "QuadraticDrag at joint is missing from Pendulum"
     assert "EmpiricalOverSpeed at joint: a curve drawn from these data" in wording.remaining(found)
+
+
+def test_the_written_model_has_every_value_that_was_scored():
+    """The range of the curve too, which is known and not fitted."""
+    step = improved().steps[-1]
+    written = load(step.model.source).parameter_values
+    scored = step.fit.values
+    assert scored["empiricalOverSpeed_joint.highest"] > 3
+    starts = set(load(step.model.source).start_parameters)
+    for name in set(scored) - starts:
+        assert written[name] == pytest.approx(scored[name], rel=1e-6, abs=1e-12), name
 
 
 def test_a_curve_is_one_of_the_effects_that_may_be_added():
