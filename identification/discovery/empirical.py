@@ -70,6 +70,8 @@ def propose(
 ) -> Proposal | None:
     """Return the curve that explains best what a model leaves over, if one does.
 
+    Of a foreign FMU none is looked for; `extend --add` takes one.
+
     Args:
         model: The present model.
         experiment: That model on the record.
@@ -80,6 +82,9 @@ def propose(
     Raises:
         UnsupportedModelError: The model cannot be simulated with sensitivities.
     """
+    if model.base.fmu is not None:
+        # As many runs through the FMU's process as a curve has bumps, at every step.
+        return None
     have = {a.label for a in model.additions}
     curves = [
         addition_at(model.base, effect, place)
