@@ -12,6 +12,7 @@ import numpy as np
 import twinproof
 from benchmarks.hidden_effects.cases import Case, names_of_one_law, right_labels
 from benchmarks.hidden_effects.detectability import log_likelihood_ratio
+from benchmarks.hidden_effects.floor import noise_floor
 from benchmarks.hidden_effects.plants import PLANTS, Plant
 from benchmarks.hidden_effects.simulation import FellOverError, Run, simulate
 
@@ -33,7 +34,8 @@ class Score:
         added: What the ladder added.
         found: How many of the hidden effects are among what was added or tied with it.
         point: 1 if the first name is right, 1/k if it is among a tie of k ≤ 3, else 0.
-        over_floor: Held-out error over the noise floor, root mean square over channels.
+        over_floor: Held-out error over what the machine itself would leave there, root mean square
+            over channels.
         seconds: Of the whole.
         trouble: The message of an error, or why there is no record.
     """
@@ -102,7 +104,8 @@ def score(case: Case) -> Score:
     began = time.perf_counter()
     try:
         if case.group in ("one", "two", "unknown"):
-            return _improved(case, nats, model, plant, run, unseen, began)
+            floor = noise_floor(plant, parameters, case.hidden, unseen, case.noise)
+            return _improved(case, nats, model, plant, run, unseen, floor, began)
         return _diagnosed(case, nats, model, plant, run, began)
     except twinproof.TwinproofError as error:
         return Score(case.name, case.group, case.plant, nats, trouble=str(error) or blank.name)
@@ -148,6 +151,7 @@ def _improved(
     plant: Plant,
     run: Run,
     unseen: Run,
+    floor: Mapping[str, float],
     began: float,
 ) -> Score:
     train, other = (recording(plant, r, case.noise) for r in (run, unseen))
@@ -158,10 +162,7 @@ def _improved(
     tie = diagnosis.ties[0] if diagnosis.ties else ()
     last = found.steps[-1].holdout
     assert last is not None
-    ratios = [
-        last.channels[name].rmse / floor
-        for name, floor in zip(last.channels, last.prediction.floor, strict=True)
-    ]
+    ratios = [channel.rmse / floor[name] for name, channel in last.channels.items()]
     named = {label for step in found.steps for group in step.diagnosis.ties for label in group}
     named |= {a.label for a in found.added}
     rights = [right_labels(case.plant, e) for e in case.hidden]
