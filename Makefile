@@ -1,5 +1,5 @@
 # `make demo` and `make test` set everything up themselves, in .venv, once; set-up is repeated when
-# the project file or a lock changes. Needs git, make and python3 (3.11 or later), nothing else.
+# the project file or a lock changes. Needs git, make and python3 (3.11 to 3.13), nothing else.
 #
 #   make demo                   the main job on bundled data, report at the end
 #   make test ARGS="-k emps"    the tests; TWINPROOF_DATA names a folder with the measured data

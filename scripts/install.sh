@@ -10,9 +10,9 @@ fail() {
 }
 
 command -v "$python" >/dev/null ||
-    fail "there is no $python; install Python 3.11 or later, or name one: make install PYTHON=..."
-"$python" -c 'import sys; sys.exit(sys.version_info < (3, 11))' ||
-    fail "$("$python" --version) is too old; install 3.11 or later and name it: make install PYTHON=python3.12"
+    fail "there is no $python; install Python 3.11 to 3.13, or name one: make install PYTHON=..."
+"$python" -c 'import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 14))' ||
+    fail "$("$python" --version) is not 3.11 to 3.13; install one and name it: make install PYTHON=python3.12"
 "$python" -c 'import ensurepip, venv' 2>/dev/null ||
     fail "$python cannot make virtual environments; on Debian or Ubuntu: apt install python3-venv"
 
