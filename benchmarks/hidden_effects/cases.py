@@ -37,6 +37,17 @@ _DRIVEN = {
     "two-mass drive": "motor",
 }
 
+# Laws for which the machine's model has a parameter of its own. It takes them up, and only how far
+# they are bent stays hidden, which has no name.
+_OWN = {
+    "positioner": ("ViscousFriction@carriage",),
+    "pendulum": ("ViscousFriction@joint",),
+    "balancing robot": ("ViscousFriction@motor",),
+    "rotary pendulum": ("ViscousFriction@arm", "ViscousFriction@rod", "CoulombFriction@arm"),
+    "oscillator": ("ViscousFriction@mass", "LinearSpring@mass"),
+    "two-mass drive": ("ViscousFriction@motor", "ViscousFriction@load"),
+}
+
 
 @dataclass(frozen=True)
 class Case:
@@ -61,6 +72,11 @@ class Case:
     noise: float
     disturbance: float
     seed: int
+
+    @property
+    def nameless(self) -> bool:
+        """What is hidden, or a part of it, is taken up by a parameter that the model has."""
+        return any(e.label in _OWN.get(self.plant, ()) for e in self.hidden)
 
     def parameters(self) -> dict[str, float]:
         """Return the machine's own true parameters, up to 15 % off the model's defaults."""

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import beta
 
+from benchmarks.hidden_effects.cases import cases
 from benchmarks.hidden_effects.detectability import DETECTABLE
 
 Row = dict[str, Any]
@@ -39,10 +40,12 @@ def _share(name: str, rows: Sequence[Row], good: Callable[[Row], float], asked: 
 def table(rows: Sequence[Row]) -> str:
     """Return the table as Markdown."""
     worked = [r for r in rows if not r["trouble"]]
-    ones = [r for r in worked if r["group"] == "one"]
+    nameless = {case.name for case in cases() if case.nameless}
+    named = [r for r in worked if r["name"] not in nameless]
+    ones = [r for r in named if r["group"] == "one"]
     seen = [r for r in ones if r["nats"] > DETECTABLE]
     nothing = [r for r in worked if r["group"] in _NOTHING]
-    twos = [r for r in worked if r["group"] == "two" and r["nats"] > DETECTABLE]
+    twos = [r for r in named if r["group"] == "two" and r["nats"] > DETECTABLE]
     unknown = [r for r in worked if r["group"] == "unknown" and r["nats"] > DETECTABLE]
     lines = [
         "| figure | measured | 95 % interval | cases | asked |",
@@ -73,7 +76,9 @@ def table(rows: Sequence[Row]) -> str:
         "",
         f"{len(rows)} cases worked; {excluded} of {len(ones)} single effects "
         f"({100 * excluded / max(len(ones), 1):.0f} %) are left out because their record shows "
-        f"less than {DETECTABLE:g} nats of them; {len(troubles)} cases gave no answer. "
+        f"less than {DETECTABLE:g} nats of them, {len(worked) - len(named)} cases because the "
+        "model has a parameter for what they hide, which leaves only its bend; "
+        f"{len(troubles)} cases gave no answer. "
         f"Seconds a case: median {np.median(seconds) if seconds else float('nan'):.1f}, "
         f"largest {max(seconds, default=float('nan')):.1f}.",
     ]
