@@ -118,7 +118,12 @@ def test_a_story_that_does_not_come_to_its_end(tmp_path):
 
 @pytest.mark.skipif(os.name != "posix", reason="sends a signal")
 def test_it_runs_and_ends_in_order_at_ctrl_c(tmp_path):
-    words = (sys.executable, "-m", "twinproof", "demo", "--live", "-o", str(tmp_path / "live"))
+    # A run in the background of a script ignores Ctrl-C, and so would what it starts.
+    heeding = (
+        "import runpy, signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
+        "runpy.run_module('twinproof', run_name='__main__', alter_sys=True)"
+    )
+    words = (sys.executable, "-c", heeding, "demo", "--live", "-o", str(tmp_path / "live"))
     # A group of its own: the signal reaches its processes as a terminal's would.
     with subprocess.Popen(
         words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
