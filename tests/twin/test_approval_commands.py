@@ -35,6 +35,18 @@ def say(site, *words, who="maria"):
     return CliRunner().invoke(command, line, standalone_mode=False, env=env)
 
 
+def verified_anew(service):
+    """Verify other parameters a while later; return the twin's monitor."""
+    monitor = service.monitor("robot")
+    for _ in range(2):
+        service.clock.now += 6.0
+        monitor.pipeline.at(service.clock.now - 0.01, J=0.51)
+        monitor.feed([])
+    monitor.ask_for_verification("test")
+    wait_for_verification(service)
+    return monitor
+
+
 def test_what_waits_is_approved_and_rolled_back(site):
     service = site[0]
     assert not service.monitor("robot").life.is_verified
@@ -51,13 +63,7 @@ def test_what_waits_is_approved_and_rolled_back(site):
     assert "no earlier parameters were in force" in str(none_before.exception)
 
     # Another set, a while later: then the first can be had back.
-    monitor = service.monitor("robot")
-    for _ in range(2):
-        service.clock.now += 6.0
-        monitor.pipeline.at(service.clock.now - 0.01, J=0.51)
-        monitor.feed([])
-    monitor.ask_for_verification("test")
-    wait_for_verification(service)
+    monitor = verified_anew(service)
     prefix = monitor.journal.store.parameter_sets("robot", 1)[0]["id"][:10]
     unknown = say(site, "approve", "--twin", "robot", "--parameters", "f00")
     assert prefix in str(unknown.exception)
@@ -72,13 +78,7 @@ def test_what_waits_is_approved_and_rolled_back(site):
 
 def test_an_id_that_several_sets_have_is_not_approved(site):
     service = site[0]
-    monitor = service.monitor("robot")
-    for _ in range(2):
-        service.clock.now += 6.0
-        monitor.pipeline.at(service.clock.now - 0.01, J=0.51)
-        monitor.feed([])
-    monitor.ask_for_verification("test")
-    wait_for_verification(service)
+    monitor = verified_anew(service)
     refused = say(site, "approve", "--twin", "robot", "--parameters", "")
     assert "begins the ids of 2 sets that wait" in str(refused.exception)
     assert not monitor.life.is_verified
