@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import Executor
+from functools import partial
 from pathlib import Path
 
+from twin.ingest import Reception
 from twin.ingest.buses import BusSource
 from twin.pipeline import Pipeline
 from twin.service import Service
@@ -24,7 +26,8 @@ def live_service(path: Path, roots: tuple[Path, ...] = ()) -> Service:
         InputError: The settings are wrong; says where.
         StoreError: The store cannot be opened.
     """
-    return Service(path, _pipeline(roots), BusSource, roots=roots)
+    source = partial(BusSource, reception=Reception())
+    return Service(path, _pipeline(roots), source, roots=roots)
 
 
 def live_worker(path: Path, roots: tuple[Path, ...] = ()) -> Service:

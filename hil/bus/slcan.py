@@ -132,6 +132,9 @@ class SlcanBus(can.BusABC):
             return
         except OSError as error:
             raise can.CanOperationError(f"the terminal is gone: {error.strerror}") from error
+        if not block:
+            # A terminal that has hung up is for ever ready to be read, and has nothing.
+            raise can.CanOperationError("the terminal is gone")
         stamp = time.time()
         if _REFUSED in block:
             self.malformed += block.count(_REFUSED)

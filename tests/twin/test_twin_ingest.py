@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import itertools
+import os
 import subprocess
 import sys
+import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import can
@@ -18,6 +21,7 @@ from pendulum_bus import START, frames, motion, part
 
 from hil.bus.codec import layouts
 from hil.bus.dbc import Port, bundled_dbc, read_dbc
+from hil.bus.slcan import SlcanBus
 from recordings.readers import reader_for
 from recordings.readers.can_frames import Frames
 from recordings.readers.can_log import CanReader
@@ -26,6 +30,7 @@ from twin.ingest import (
     Decoder,
     FrameRecorder,
     Receiver,
+    Reception,
     Sampler,
     Timeline,
     columns,
@@ -63,14 +68,117 @@ def test_an_overfull_queue_drops_the_newest_and_counts_them() -> None:
         receiver.start()
         for k in range(80):
             far.send(can.Message(arbitration_id=k, is_extended_id=False, data=b"abc"))
-        deadline = time.monotonic() + 5
-        while receiver.received < 80 and time.monotonic() < deadline:
-            time.sleep(0.01)
+        assert _await(lambda: receiver.received >= 80)
         receiver.stop()
         taken = receiver.drain()
         assert (receiver.received, receiver.dropped, receiver.waiting) == (80, 30, 0)
         assert taken.identifier.tolist() == list(range(50))
         assert set(taken.bus.tolist()) == {3}
+
+
+def _await(condition: Callable[[], bool]) -> bool:
+    deadline = time.monotonic() + 5
+    while not condition() and time.monotonic() < deadline:
+        time.sleep(0.005)
+    return condition()
+
+
+def test_a_bus_with_filters_gives_all_that_passes_them() -> None:
+    wanted = {"can_id": 7, "can_mask": 0x7FF}
+    with (
+        can.Bus("twin-f", interface="virtual", can_filters=[wanted]) as near,
+        can.Bus("twin-f", interface="virtual") as far,
+    ):
+        receiver = Receiver(near)
+        receiver.start()
+        for k in range(3000):
+            far.send(can.Message(arbitration_id=k % 1000, is_extended_id=False))
+        assert _await(lambda: receiver.received == 3)
+        receiver.stop()
+
+
+def _receiving() -> int:
+    return sum(t.name == "receiver" for t in threading.enumerate())
+
+
+@pytest.mark.skipif(os.name == "nt", reason="needs terminals")
+def test_one_thread_receives_from_all_buses_and_outlives_those_that_go() -> None:
+    before, reception = _receiving(), Reception()
+    terminals = [os.openpty() for _ in range(3)]
+    slcan = [SlcanBus(os.ttyname(theirs)) for _, theirs in terminals]
+    with (
+        can.Bus("twin-many", interface="virtual") as near,
+        can.Bus("twin-many", interface="virtual") as far,
+    ):
+        buses = [*slcan, near]
+        receivers = [Receiver(bus, k, reception=reception) for k, bus in enumerate(buses)]
+        for receiver in receivers:
+            receiver.start()
+        assert _receiving() == before + 1
+        sent = time.time()
+        for ours, _ in terminals:
+            os.write(ours, b"t0051AA\rt0061BB\r")
+        far.send(can.Message(arbitration_id=5, data=b"\xaa"))
+        assert _await(lambda: [r.received for r in receivers] == [2, 2, 2, 1])
+        stamps = receivers[0].drain().nanoseconds / 1e9
+        assert np.all(np.abs(stamps - sent) < 0.5)
+
+        ours, theirs = terminals[0]
+        os.close(ours)
+        os.close(theirs)
+        assert _await(lambda: receivers[0].error is not None)
+        assert "gone" in str(receivers[0].error)
+        receivers[1].stop()
+        slcan[1].shutdown()
+        os.write(terminals[2][0], b"t0071CC\r")
+        far.send(can.Message(arbitration_id=5, data=b"\xaa"))
+        assert _await(lambda: [r.received for r in receivers] == [2, 2, 3, 2])
+        for receiver in receivers:
+            receiver.stop()
+        assert _receiving() == before
+        # It begins again for the next bus.
+        again = Receiver(near, reception=reception)
+        again.start()
+        far.send(can.Message(arbitration_id=5, data=b"\xaa"))
+        assert _await(lambda: again.received == 1)
+        again.stop()
+        again.stop()
+    for bus in slcan:
+        bus.shutdown()
+    for pair in terminals[1:]:
+        for file in pair:
+            os.close(file)
+
+
+class _Broken(can.BusABC):
+    """A driver with a fault of its own."""
+
+    def __init__(self) -> None:
+        self.channel_info = "broken"
+        super().__init__("broken")
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        raise NotImplementedError
+
+    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
+        raise RuntimeError("a fault of the driver")
+
+
+def test_a_driver_that_fails_leaves_the_other_buses_alone() -> None:
+    reception = Reception()
+    with (
+        _Broken() as broken,
+        can.Bus("twin-b", interface="virtual") as near,
+        can.Bus("twin-b", interface="virtual") as far,
+    ):
+        receivers = [Receiver(bus, reception=reception) for bus in (broken, near)]
+        for receiver in receivers:
+            receiver.start()
+        assert _await(lambda: receivers[0].error is not None)
+        far.send(can.Message(arbitration_id=5, data=b"\xaa"))
+        assert _await(lambda: receivers[1].received == 1)
+        for receiver in receivers:
+            receiver.stop()
 
 
 def test_frames_of_all_kinds_become_columns() -> None:

@@ -1,7 +1,7 @@
 """From the bus to samples: receiving, recording, decoding, resampling."""
 
 from twin.ingest.decoder import Decoded, Decoder
-from twin.ingest.receiver import Receiver, columns
+from twin.ingest.receiver import Receiver, Reception, columns
 from twin.ingest.recorder import FrameRecorder, convert
 from twin.ingest.sampler import Block, Sampler
 from twin.ingest.timeline import Slice, Timeline
@@ -12,6 +12,7 @@ __all__ = [
     "Decoder",
     "FrameRecorder",
     "Receiver",
+    "Reception",
     "Sampler",
     "Slice",
     "Timeline",

@@ -1,4 +1,4 @@
-"""A twin's buses: received in threads, recorded first, opened again when they fail."""
+"""A twin's buses: received in a thread, recorded first, opened again when they fail."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from foundation.closing import Closing
 from foundation.errors import BusError
 from hil.bus.interface import BusSettings, open_bus
 from recordings.readers.can_frames import FrameList, Frames
-from twin.ingest.receiver import Receiver
+from twin.ingest.receiver import Receiver, Reception
 from twin.ingest.recorder import FrameRecorder
 from twin.settings import Settings, TwinSettings
 
@@ -24,8 +24,9 @@ _AGAIN = 1.0
 class _Line:
     """One bus, there or not."""
 
-    def __init__(self, settings: BusSettings, number: int, room: int) -> None:
+    def __init__(self, settings: BusSettings, number: int, room: int, reception: Reception) -> None:
         self.settings, self.number, self.room = settings, number, room
+        self._reception = reception
         self.fault = ""
         self.received = self.dropped = 0
         self._bus: can.BusABC | None = None
@@ -47,7 +48,7 @@ class _Line:
         except BusError as error:
             self.fault = str(error)
             return
-        self._receiver = Receiver(self._bus, self.number, room=self.room)
+        self._receiver = Receiver(self._bus, self.number, room=self.room, reception=self._reception)
         self._receiver.start()
         self.fault = ""
 
@@ -86,11 +87,14 @@ class BusSource(Closing):
     Args:
         settings: Of the service: where recordings go.
         twin: Its buses.
+        reception: The thread that receives, of all twins of a process; default: one of its own.
     """
 
-    def __init__(self, settings: Settings, twin: TwinSettings) -> None:
-        service = settings.service
-        self._lines = [_Line(b.settings(), k, b.queue) for k, b in enumerate(twin.buses)]
+    def __init__(
+        self, settings: Settings, twin: TwinSettings, reception: Reception | None = None
+    ) -> None:
+        service, reception = settings.service, reception or Reception()
+        self._lines = [_Line(b.settings(), k, b.queue, reception) for k, b in enumerate(twin.buses)]
         self._make_recorder: Callable[[], FrameRecorder] = lambda: FrameRecorder(
             settings.file(service.recordings) / twin.name,
             limit=service.recordings_limit,

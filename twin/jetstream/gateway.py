@@ -14,12 +14,14 @@ import time
 from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, Protocol
 
 from nats.js.errors import APIError, NotFoundError
 
 from foundation.closing import Closing
 from recordings.readers.can_frames import FrameList, Frames
+from twin.ingest import Reception
 from twin.ingest.buses import BusSource
 from twin.jetstream.batch import Batch, packed
 from twin.jetstream.connection import FAILURES, PATIENCE, Connection
@@ -109,7 +111,7 @@ class Gateway(Closing):
     Args:
         settings: With `[jetstream]`.
         name: Of this gateway.
-        source: Opens a twin's buses.
+        source: Opens a twin's buses; default: `BusSource`, received from in one thread.
         clock: That of the frames [s].
 
     Raises:
@@ -120,9 +122,10 @@ class Gateway(Closing):
         self,
         settings: Settings,
         name: str,
-        source: Callable[[Settings, TwinSettings], _Bus] = BusSource,
+        source: Callable[[Settings, TwinSettings], _Bus] | None = None,
         clock: Callable[[], float] = time.time,
     ) -> None:
+        opened = source or partial(BusSource, reception=Reception())
         self._connection = Connection(settings, name)
         self._name, self._clock = name, clock
         self._period = settings.stream.period
@@ -130,7 +133,7 @@ class Gateway(Closing):
         self._run = f"{name}:{time.time_ns()}"
         self._stopping = threading.Event()
         self._lines = [
-            _Line(twin.name, source(settings, twin), Outbox(sum(b.queue for b in twin.buses)))
+            _Line(twin.name, opened(settings, twin), Outbox(sum(b.queue for b in twin.buses)))
             for twin in settings.twins
         ]
         self._thread = threading.Thread(target=self._receive, name="gateway", daemon=True)
