@@ -22,6 +22,7 @@ class Workbench:
         self._loop = loop
         self._look_again = False
         self._next: tuple[str, dict[str, str]] | None = None
+        self._ended: Job | None = None
         self.worker = Worker(project.folder, self._finished)
 
     def look(self) -> None:
@@ -50,12 +51,22 @@ class Workbench:
 
     @property
     def job(self) -> Job | None:
-        """What is running, or ran last; what waits its turn is running."""
+        """The task that runs, or ran last; one that waits its turn is running. A look is none."""
         if self._next is not None:
             return Job(self._next[0])
-        return Job("look") if self._look_again else self.worker.job
+        present = self.worker.job
+        return self._ended if present is None or present.task == "look" else present
 
-    def _finished(self, _job: Job) -> None:
+    @property
+    def looking(self) -> bool:
+        """A look is being taken, or waits its turn."""
+        present = self.worker.job
+        taken = present is not None and present.running and present.task == "look"
+        return taken or self._look_again
+
+    def _finished(self, job: Job) -> None:
+        if job.task != "look":
+            self._ended = job
         # In a moment: the worker's lock is still held by who tells us.
         self._loop.call_soon_threadsafe(self._go_on)
 

@@ -76,7 +76,7 @@ class Handler(web.RequestHandler):
 
     def answer_state(self) -> None:
         """Answer with all that the page shows."""
-        self.answer(state(self.bench.project, self.bench.job))
+        self.answer(state(self.bench.project, self.bench.job, looking=self.bench.looking))
 
     def write_error(self, status_code: int, **kwargs: Any) -> None:  # noqa: ARG002
         """Answer mistakes as the page shows them, beside the field."""

@@ -17,12 +17,13 @@ RESULTS = ("compare", "diagnose", "change", "ladder", "improve", "export")
 _PLANTS = "Twinproof.Plants."
 
 
-def state(project: Project, job: Job | None) -> dict[str, Any]:
+def state(project: Project, job: Job | None, *, looking: bool) -> dict[str, Any]:
     """Return everything that the page shows, without curves and pieces of page.
 
     Args:
         project: The folder.
-        job: What is running, or ran last.
+        job: The task that runs, or ran last.
+        looking: `look` is not yet that of what is chosen.
     """
     choices = project.choices
     question = project.question()
@@ -45,6 +46,7 @@ def state(project: Project, job: Job | None) -> dict[str, Any]:
         "look": json.loads(look.read_text(encoding="utf-8")) if look.is_file() else None,
         "results": results,
         "job": None if job is None else asdict(job),
+        "looking": looking,
         "commands": _commands(project),
         "models": [*_library(), *project.files("models", (".mo", ".fmu"))],
         "recordings": [

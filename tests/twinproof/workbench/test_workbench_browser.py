@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Page, Route, expect
 
 from fmus.running import simulate_model
 from tests.twinproof.workbench.conftest import Running
@@ -67,6 +67,29 @@ def frames_while_panning(page: Page) -> float:
             return 90 / (performance.now() - began) * 1000;
         }"""
     )
+
+
+def test_a_field_is_changed_before_the_task_that_needs_it_begins(page: Page) -> None:
+    tab(page, "ladder")
+    held: list[Route] = []
+    asked: list[str] = []
+
+    def hold(route: Route) -> None:
+        if route.request.method == "PATCH":
+            held.append(route)
+        else:
+            route.continue_()
+
+    page.on("request", lambda request: asked.append(request.method))
+    page.route("**/api/state", hold)
+    page.locator("#field-max_effects").fill("one")
+    with page.expect_request("**/api/state"):
+        # The field is left by pressing the button.
+        page.locator('[data-task="improve"]').click()
+    page.evaluate("new Promise(requestAnimationFrame)")
+    assert asked[-1] == "PATCH"
+    held[0].continue_()
+    expect(page.locator('[data-error="improve"]')).not_to_be_empty()
 
 
 def test_the_whole_journey_on_measured_data(page: Page, workbench: Running) -> None:

@@ -56,7 +56,8 @@ def settled(workbench: Running) -> Any:
     for _ in range(600):
         status, state = ask(workbench, "GET", "api/state")
         assert status == 200, state
-        if state["job"] is None or state["job"]["status"] != "running":
+        running = state["job"] is not None and state["job"]["status"] == "running"
+        if not running and not state["looking"]:
             return state
         time.sleep(0.1)
     raise AssertionError("the task does not end")
@@ -178,6 +179,16 @@ def test_a_task_without_its_input_names_the_field(workbench: Running) -> None:
     assert ask(workbench, "POST", "api/steps", b"")[0] == 422
     assert ask(workbench, "PATCH", "api/state", b"[]")[0] == 422
     assert change(workbench, nonsense="x")[0] == 422
+
+
+def test_a_task_is_seen_running_while_a_look_waits_for_it(workbench: Running) -> None:
+    assert ask(workbench, "POST", "api/demo", b"")[0] == 200
+    settled(workbench)
+    assert ask(workbench, "POST", "api/jobs", b'{"task": "diagnose"}')[0] == 200
+    _, state = change(workbench, max_effects="1")
+    assert (state["job"]["task"], state["job"]["status"]) == ("diagnose", "running")
+    ask(workbench, "DELETE", "api/jobs")
+    assert settled(workbench)["choices"]["max_effects"] == "1"
 
 
 def test_a_taken_port_is_said_in_one_line(workbench: Running, tmp_path: Path) -> None:

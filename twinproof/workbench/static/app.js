@@ -44,7 +44,14 @@ const sentence = (error) => [error.what, error.remedy].filter(Boolean).join("; "
 
 // ---- talking to the server
 
-async function send(method, path, body, field = "") {
+// One after the other: a field that is left by pressing a button is changed before the button's task
+// begins, and no older state is shown after a newer one.
+let asked = Promise.resolve();
+function send(...request) {
+  return (asked = asked.then(() => ask(...request), () => ask(...request)));
+}
+
+async function ask(method, path, body, field = "") {
   errors[field] = "";
   let answer;
   try {
@@ -64,6 +71,7 @@ async function send(method, path, body, field = "") {
   return true;
 }
 
+let nextPoll = 0;
 function take(found) {
   const job = found.job;
   state = found;
@@ -73,18 +81,12 @@ function take(found) {
     ended(job);
   }
   render();
-  if (job?.status === "running") setTimeout(poll, 350);
+  clearTimeout(nextPoll);
+  if (found.looking || job?.status === "running") nextPoll = setTimeout(poll, 350);
 }
 
-let polling = false;
-async function poll() {
-  if (polling) return;
-  polling = true;
-  try {
-    await send("GET", "/api/state", null, "poll");
-  } finally {
-    polling = false;
-  }
+function poll() {
+  return send("GET", "/api/state", null, "poll");
 }
 
 function ended(job) {
@@ -289,7 +291,7 @@ function preview(row) {
 }
 
 function renderJob(job) {
-  const running = job?.status === "running" && job.task !== "look";
+  const running = job?.status === "running";
   $("#job").hidden = !running;
   for (const button of [...$$("[data-task]"), $("#propose"), $("#accept"), $("#undo")]) button.disabled = running;
   if (running) {
