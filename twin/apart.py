@@ -10,7 +10,7 @@ import threading
 from collections.abc import Callable, Generator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager, suppress
-from multiprocessing import resource_tracker
+from multiprocessing import forkserver, resource_tracker
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from typing import Any, ParamSpec, TypeVar
@@ -22,6 +22,21 @@ P = ParamSpec("P")
 T = TypeVar("T")
 _LOOK = 0.2
 _COURTESY = 10
+_CONTEXT = (
+    multiprocessing.get_context("forkserver")
+    if "forkserver" in multiprocessing.get_all_start_methods()
+    else multiprocessing.get_context("spawn")
+)
+_PRELOADED = ["twin.diagnosis", "twin.improvement", "twin.verification"]
+"""What is done apart: importing it takes seconds, which count between a drift and its end."""
+
+
+def prepare() -> None:
+    """Have a process import what is done apart, to be copied when it is needed; no waiting."""
+    if _CONTEXT.get_start_method() == "forkserver":
+        _CONTEXT.set_forkserver_preload(_PRELOADED)
+        with _undisturbed():
+            forkserver.ensure_running()
 
 
 def apart(stop: threading.Event, function: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
@@ -36,14 +51,17 @@ def apart(stop: threading.Event, function: Callable[P, T], *args: P.args, **kwar
         TwinproofError: What the function raised.
         ComputationError: It was stopped, or its process died.
     """
-    context = multiprocessing.get_context("spawn")
-    ours, theirs = context.Pipe(duplex=False)
-    process = context.Process(
-        target=_work, args=(theirs, os.getpid(), function, args, kwargs), daemon=True
+    prepare()
+    ours, theirs = _CONTEXT.Pipe(duplex=False)
+    # Only this process holds its end of that: it is closed when this process is gone.
+    ending, alive = _CONTEXT.Pipe(duplex=False)
+    process = _CONTEXT.Process(
+        target=_work, args=(theirs, ending, function, args, kwargs), daemon=True
     )
     with _undisturbed():
         process.start()
     theirs.close()
+    ending.close()
     try:
         while not ours.poll(_LOOK):
             if stop.is_set():
@@ -59,6 +77,7 @@ def apart(stop: threading.Event, function: Callable[P, T], *args: P.args, **kwar
         _end(process)
         process.close()
         ours.close()
+        alive.close()
     if not done:
         raise value
     return value
@@ -105,13 +124,13 @@ class Apart(ThreadPoolExecutor):
 
 
 def _work(
-    pipe: Connection, parent: int, function: Callable[..., Any], args: Any, kwargs: Any
+    pipe: Connection, ending: Connection, function: Callable[..., Any], args: Any, kwargs: Any
 ) -> None:
     if hasattr(os, "setpgrp"):
         os.setpgrp()
     if hasattr(os, "nice"):
         os.nice(_COURTESY)
-    threading.Thread(target=_follow, args=(parent,), daemon=True).start()
+    threading.Thread(target=_follow, args=(ending,), daemon=True).start()
     try:
         result = True, function(*args, **kwargs)
     except TwinproofError as error:
@@ -121,9 +140,7 @@ def _work(
     pipe.send(result)
 
 
-def _follow(parent: int) -> None:
+def _follow(ending: Connection) -> None:
     """End with the service, also if that is killed."""
-    waiting = threading.Event()
-    while os.getppid() == parent:
-        waiting.wait(1.0)
+    ending.poll(None)
     os._exit(1)

@@ -363,17 +363,20 @@ class Monitor:
         estimate, since = self.pipeline.estimate, self._life.followed_since
         if self._new and self._life.drift is None and self._life.attempt is None:
             return self._start  # as `identify` found them
-        if estimate is None or since is None:
+        newest = self.pipeline.newest
+        if estimate is None or newest is None or since is None:
             return None
+        # With an effect the parameters are fitted to the data, wherever the estimate may be.
+        fits = self._effect is not None
         # Until then the estimate is still what it started from.
-        begun = max(since, self._life.drift or since)
-        if estimate.time - begun < self.settings.verification.settle:
+        begun, until = max(since, self._life.drift or since), newest if fits else estimate.time
+        if until - begun < self.settings.verification.settle:
             return None
-        # On its way still it would be verified where the plant is not, and drift be flagged anew;
-        # with an effect the parameters are fitted to the data instead.
-        if self._effect is None and not estimate.rests:
+        # On its way still it would be verified where the plant is not, and drift be flagged anew.
+        if not fits and not estimate.rests:
             return None
-        return estimated(self.settings, self._model, estimate, self.reference)
+        found = estimated(self.settings, self._model, estimate, self.reference)
+        return None if found is None else replace(found, time=until)
 
     def _improvement(self, candidate: ParameterSet) -> Improvement | None:
         """Return what must be added to the model first, if an effect was found."""

@@ -22,7 +22,7 @@ from foundation.closing import Closing
 from foundation.errors import InputError, TwinproofError, UnknownNameError
 from hil.settings import Table, read_toml
 from recordings.readers.can_frames import Frames
-from twin.apart import Apart, apart
+from twin.apart import Apart, apart, prepare
 from twin.audit import Entry, canonical
 from twin.events import Event, EventKind
 from twin.follower import Follower
@@ -162,6 +162,7 @@ class Service(Closing):
         Args:
             threads: False: nothing happens by itself; `step` does one round.
         """
+        prepare()
         self._begin_all(self._fingerprints.keys())
         if threads:
             self._thread.start()

@@ -19,6 +19,9 @@ Array = NDArray[np.float64]
 SPAN = 10.0
 """Length of the finest spans of the history [s]."""
 _POINTS = 300
+_DIGITS = 6
+_MILLISECONDS = 3
+"""Decimals of a signal's times."""
 
 
 def finite(value: float | None) -> float | None:
@@ -127,11 +130,22 @@ def _parameters(monitor: Monitor, estimate: Estimate | None) -> dict[str, Any]:
 def _samples(times: Array, measured: Array, predicted: Array) -> dict[str, list[float | None]]:
     every = max(1, math.ceil(len(times) / _POINTS))
     chosen = slice(None, None, -every)
-    columns = {"time": times, "measured": measured, "predicted": predicted}
-    columns["residual"] = measured - predicted
+    columns = {"measured": measured, "predicted": predicted, "residual": measured - predicted}
     return {
-        name: [finite(v) for v in column[chosen][::-1].tolist()] for name, column in columns.items()
+        "time": np.round(times[chosen][::-1], _MILLISECONDS).tolist(),
+        **{name: _shortened(column[chosen][::-1]) for name, column in columns.items()},
     }
+
+
+def _shortened(column: Array) -> list[float | None]:
+    """Return a column for JSON, with as many digits as there are to be seen.
+
+    All of them would triple what is sent to every reader, five times a second.
+    """
+    known = np.abs(column[np.isfinite(column)])
+    largest = float(known.max()) if known.size else 0.0
+    digits = _DIGITS - math.ceil(math.log10(largest)) if largest > 0 else 0
+    return [finite(v) for v in np.round(column, digits).tolist()]
 
 
 class Averages:

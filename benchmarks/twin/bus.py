@@ -15,7 +15,7 @@ import numpy as np
 
 from benchmarks.figures import Figure
 from benchmarks.running import resident
-from benchmarks.twin.fleet import NAMES, NOMINAL, STEP, Fleet
+from benchmarks.twin.fleet import NAMES, NOMINAL, ROBOT, STEP, Fleet
 from hil.bus import bridged_terminals
 from hil.bus.codec import Packer, layouts
 from hil.bus.dbc import Port, bundled_dbc, read_dbc
@@ -36,20 +36,9 @@ BATCH = 0.05
 LONG = float(os.environ.get("TWINPROOF_TWIN_FRAMES", "1e7"))
 _PORTS = [Port("V", "V"), Port("theta_w", "rad"), Port("theta_p", "rad"), Port("omega_p", "rad/s")]
 _STRANGER = 0x400
-_CONFIG = """
-[[twin]]
-name = "robot"
-rate = 1000
-[twin.plant]
-model = "Twinproof.Plants.WheeledPendulum"
-parameters_from = "fit.json"
-[twin.plant.sensors]
-theta_w = {resolution = 1.0471975511965977e-4}
-theta_p = {sd = "0.5 deg"}
-omega_p = {sd = "0.5 deg/s"}
-omega_w = {sd = "5 deg/s"}
+_CONFIG = f"""{ROBOT}omega_w = {{sd = "5 deg/s"}}
 [twin.estimator]
-disturbances = {V = 0.02}
+disturbances = {{V = 0.02}}
 [twin.drift]
 diagnose = 0.0
 """

@@ -24,6 +24,19 @@ SENSORS = {"theta_w": ENCODER / math.sqrt(12), "theta_p": 0.5 * DEGREE, "omega_p
 STEP = 1e-3
 DISTURBANCE, RATE = 0.02, 3.0
 """Standard deviation [V] and bandwidth [1/s] of the unknown voltage."""
+ROBOT = """
+[[twin]]
+name = "robot"
+rate = 1000
+[twin.plant]
+model = "Twinproof.Plants.WheeledPendulum"
+parameters_from = "fit.json"
+[twin.plant.sensors]
+theta_w = {resolution = 1.0471975511965977e-4}
+theta_p = {sd = "0.5 deg"}
+omega_p = {sd = "0.5 deg/s"}
+"""
+"""Settings of a plant's twin, to be gone on with."""
 _SECOND = 1000
 _SHARP = 0.01
 """Speed over which Coulomb friction turns [rad/s]."""

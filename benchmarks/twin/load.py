@@ -1,33 +1,42 @@
 """Many twins in one whole service: recording, filters, tests, gates, store, API, readers.
 
-Frames come as a bus's receiver hands them over, with the plants' own stamps; receiving itself is
-measured in `bus.py`. So a machine that is busy otherwise may be late, but sees no other plant.
+Once frames come as a bus's receiver hands them over, with the plants' own stamps, so that a machine
+that is busy otherwise may be late, but sees no other plant; and once from as many serial adapters
+(`slcan`), which another process plays on pseudo-terminals, received and stamped by the service.
 """
 
 from __future__ import annotations
 
 import asyncio
 import json
+import os
+import select
 import subprocess
 import sys
 import time
+import tty
 import urllib.request
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Protocol
 
 import numpy as np
 
 from benchmarks.figures import Figure
 from benchmarks.twin.service import READERS, read_live
+from foundation.closing import Closing
+from hil.bus.slcan import line_of
 from recordings.readers.can_frames import FrameList, Frames
 from tests.twin import pendulum_bus as bus
 from tests.twin.scripted import CONTROLLER, STUDY, evidence_for
 from twin.api import make_app, served
-from twin.ingest import FrameRecorder
+from twin.ingest import FrameRecorder, Reception
+from twin.ingest.buses import BusSource
 from twin.pipeline import Pipeline
-from twin.service import Service
+from twin.service import Service, Source
 from twin.settings import Settings, TwinSettings
 from twin.tokens import Tokens
 
@@ -60,13 +69,43 @@ settle = 5.0
 """
 
 
-def _prepare(folder: Path) -> Path:
+_BUS = """
+[twin.bus]
+interface = "slcan"
+channel = "{channel}"
+"""
+
+
+def _prepare(folder: Path, channels: Sequence[str] = ()) -> Path:
     bus.write_fit(folder)
     (folder / "study.toml").write_text(STUDY)
     (folder / "pid.toml").write_text(CONTROLLER)
     path = folder / "config.toml"
-    path.write_text("".join(_TWIN.format(name=f"arm-{k}") for k in range(TWINS)))
+    buses = [_BUS.format(channel=channel) for channel in channels] or [""] * TWINS
+    twins = [_TWIN.format(name=f"arm-{k}") for k in range(TWINS)]
+    path.write_text("".join(map("".join, zip(twins, buses, strict=True))))
     return path
+
+
+class _Feed(Protocol):
+    """Where all twins' frames come from."""
+
+    def source(self, settings: Settings, twin: TwinSettings) -> Source:
+        """Return one twin's."""
+        ...
+
+    def begin(self) -> None:
+        """Count from now on."""
+        ...
+
+    @property
+    def figures(self) -> Iterator[Figure]:
+        """What was counted."""
+        ...
+
+    def end(self) -> int:
+        """Send no more; return how many frames were sent."""
+        ...
 
 
 class _Played:
@@ -105,6 +144,98 @@ class _Played:
 
     def close(self) -> None:
         self._recorder.close()
+
+
+class _Playing:
+    """The same motion, played for every twin."""
+
+    def __init__(self, folder: Path) -> None:
+        self._frames = bus.frames(bus.motion(_MOTION, seed=1))
+        self._folder, self._sources = folder, list[_Played]()
+        self.path = _prepare(folder)
+
+    def source(self, settings: Settings, twin: TwinSettings) -> Source:  # noqa: ARG002
+        played = _Played(self._frames, self._folder / "recordings" / twin.name)
+        self._sources.append(played)
+        return played
+
+    def begin(self) -> None:
+        for source in self._sources:
+            source.most = 0
+
+    @property
+    def figures(self) -> Iterator[Figure]:
+        most = max(source.most for source in self._sources)
+        yield Figure("  frames that a twin found waiting, at most", most)
+
+    def end(self) -> int:
+        for source in self._sources:
+            source.is_over = True
+        return sum(source.sent for source in self._sources)
+
+
+class _Adapters(Closing):
+    """The same motion from serial adapters: pseudo-terminals that another process writes to."""
+
+    def __init__(self, folder: Path) -> None:
+        self._pairs = [os.openpty() for _ in range(TWINS)]
+        ours = [ours for ours, _ in self._pairs]
+        # Kept open here: a terminal whose last user leaves hangs up for good.
+        theirs = [theirs for _, theirs in self._pairs]
+        for file in theirs:
+            tty.setraw(file)
+        self.path = _prepare(folder, [os.ttyname(file) for file in theirs])
+        self.source = partial(BusSource, reception=Reception())
+        code = f"from benchmarks.twin.load import write_lines as w; w({ours})"
+        pipe = subprocess.PIPE
+        self._process = subprocess.Popen(
+            [sys.executable, "-c", code], stdin=pipe, stdout=pipe, text=True, pass_fds=ours
+        )
+        self._sent = self._refused = 0
+        self._cores = 0.0
+
+    def begin(self) -> None:
+        """Nothing to count here."""
+
+    @property
+    def figures(self) -> Iterator[Figure]:
+        yield Figure("  frames for which an adapter had no room", self._refused, 0)
+        yield Figure("  beside it the adapters", self._cores, None, "cores")
+
+    def end(self) -> int:
+        said, _ = self._process.communicate("end")
+        self._sent, self._refused, self._cores = json.loads(said)
+        return self._sent
+
+    def close(self) -> None:
+        self._process.kill()
+        self._process.wait()
+        for file in (file for pair in self._pairs for file in pair):
+            os.close(file)
+
+
+def write_lines(files: list[int]) -> None:
+    """Be all adapters until something is said; tell frames sent, refused, and processor time."""
+    lines = [line_of(message) for message in bus.messages(bus.motion(_MOTION, seed=1))]
+    samples = [b"".join(lines[k : k + _MESSAGES]) for k in range(0, len(lines), _MESSAGES)]
+    for file in files:
+        os.set_blocking(file, False)
+    sent = refused = 0
+    began, used = time.monotonic(), time.process_time()
+    # One after the other, as machines that know nothing of each other would.
+    apart = 1 / bus.RATE / len(files)
+    for count in range(len(samples) * len(files)):
+        sample, which = divmod(count, len(files))
+        early = began + apart * count - time.monotonic()
+        if early > apart and select.select([sys.stdin], [], [], early)[0]:
+            break
+        try:
+            os.write(files[which], samples[sample])
+            sent += _MESSAGES
+        except BlockingIOError:
+            refused += _MESSAGES
+    span = time.monotonic() - began
+    print(json.dumps([sent, refused, (time.process_time() - used) / span]))
 
 
 @dataclass
@@ -155,15 +286,18 @@ def tell_readers(url: str, names: list[str]) -> None:
     print(json.dumps(asyncio.run(read_live(url, names))))
 
 
-def _run(service: Service, sources: list[_Played]) -> Iterator[Figure]:
+def _run(service: Service, feed: _Feed, name: str) -> Iterator[Figure]:
     monitors = service.monitors
+
+    def counted(name: str) -> int:
+        return sum(int(m.pipeline.health.counts[name]) for m in monitors.values())
+
     with served(make_app(service, Tokens())) as server:
         _await(lambda: all(m.decide().allowed for m in monitors.values()))
-        for source in sources:
-            source.most = 0
+        feed.begin()
         end = time.monotonic() + SECONDS
         quiet = _measured(service, server.url, lambda: time.monotonic() > end)
-        queue = max(source.most for source in sources)
+        waiting = list(feed.figures)
         watching = [next(iter(monitors))] * READERS
         code = f"from benchmarks.twin.load import tell_readers as t; t({server.url!r}, {watching})"
         command = [sys.executable, "-c", code]
@@ -172,21 +306,19 @@ def _run(service: Service, sources: list[_Played]) -> Iterator[Figure]:
             assert process.stdout is not None
             rate, longest = json.loads(process.stdout.read())
         is_open = sum(m.decide().allowed for m in monitors.values())
-    for source in sources:
-        source.is_over = True
-
-    def counted(name: str) -> int:
-        return sum(int(m.pipeline.health.counts[name]) for m in monitors.values())
-
+        sent = feed.end()
+        taken = -1
+        while taken < (taken := counted("received")):
+            time.sleep(1.0)
     # The last slice of each stays open until it is known to be over.
     last = _MESSAGES * bus.RATE * 0.1 * len(monitors)
-    sent = sum(source.sent for source in sources)
     lost = max(0.0, sent - last - counted("received")) + counted("lost") + counted("stale")
-    name = f"twin: {len(monitors)} twins at 100 Hz in one service"
-    yield Figure(name, quiet.cores, 1.0, "cores")
+    yield Figure(
+        f"twin: {len(monitors)} twins at 100 Hz in one service{name}", quiet.cores, 2.0, "cores"
+    )
     yield Figure("  followed, of real time", quiet.followed)
     yield Figure(f"  frames lost, of {sent}", lost, 0)
-    yield Figure("  frames that a twin found waiting, at most", queue)
+    yield from waiting
     yield Figure("  gates open at the end", is_open, len(monitors), "", at_least=True)
     yield Figure("  longest answer of the API", quiet.slowest, 1.0, "s")
     yield Figure(f"  with {READERS} readers beside it", read.cores, 2.0, "cores")
@@ -195,22 +327,21 @@ def _run(service: Service, sources: list[_Played]) -> Iterator[Figure]:
     yield Figure("    longest wait", longest, 1.0, "s")
 
 
+def _serve(feed: _Feed, path: Path, name: str) -> Iterator[Figure]:
+    with Service(
+        path,
+        lambda settings, start, executor: Pipeline(settings, start, executor=executor),
+        feed.source,
+        # What a study finds is not the question here.
+        verification=lambda job: evidence_for(job, time.time()),
+    ) as service:
+        service.start()
+        yield from _run(service, feed, name)
+
+
 def run() -> Iterator[Figure]:
-    sources: list[_Played] = []
-    frames = bus.frames(bus.motion(_MOTION, seed=1))
     with TemporaryDirectory() as name:
-        folder = Path(name)
-
-        def source(_: Settings, twin: TwinSettings) -> _Played:
-            sources.append(_Played(frames, folder / "recordings" / twin.name))
-            return sources[-1]
-
-        with Service(
-            _prepare(folder),
-            lambda settings, start, executor: Pipeline(settings, start, executor=executor),
-            source,
-            # What a study finds is not the question here.
-            verification=lambda job: evidence_for(job, time.time()),
-        ) as service:
-            service.start()
-            yield from _run(service, sources)
+        playing = _Playing(Path(name))
+        yield from _serve(playing, playing.path, "")
+    with TemporaryDirectory() as name, _Adapters(Path(name)) as adapters:
+        yield from _serve(adapters, adapters.path, ", received from 50 adapters")

@@ -14,8 +14,8 @@ import numpy as np
 
 from benchmarks.figures import Figure
 from benchmarks.twin.drift import information
-from benchmarks.twin.fleet import DISTURBANCE, NAMES, NOMINAL, RATE, STEP, Fleet
-from benchmarks.twin.service import CONTROLLER, DRAWS, PLANT, STUDY
+from benchmarks.twin.fleet import DISTURBANCE, NAMES, NOMINAL, RATE, ROBOT, STEP, Fleet
+from benchmarks.twin.service import CONTROLLER, DRAWS, STUDY
 from hil.bus.codec import Packer, layouts
 from hil.bus.dbc import Port, parse_dbc, plant_dbc
 from twin.audit import Entry
@@ -32,18 +32,7 @@ _PATIENCE = 90
 _LIMIT = 60.0
 _AFTERWARDS = 20
 """It is looked on for so many seconds after that: what was verified is the plant."""
-_CONFIG = f"""
-[[twin]]
-name = "robot"
-rate = 1000
-[twin.plant]
-model = "{PLANT}"
-parameters_from = "fit.json"
-[twin.plant.sensors]
-theta_w = {{resolution = 1.0471975511965977e-4}}
-theta_p = {{sd = "0.5 deg"}}
-omega_p = {{sd = "0.5 deg/s"}}
-[twin.bus]
+_CONFIG = f"""{ROBOT}[twin.bus]
 interface = "virtual"
 channel = "robot"
 dbc = "robot.dbc"

@@ -139,6 +139,28 @@ def test_the_twin_follows_the_improved_model_once_it_is_verified(tmp_path, monke
     house.kill()
 
 
+def test_an_effect_is_fitted_to_the_data_wherever_the_estimate_may_be(tmp_path, monkeypatch):
+    monkeypatch.setattr("test_monitor.Script", WithData)
+    house = House(tmp_path)
+    house.verified()
+    drifted = house.clock.now
+    house.monitor.feed([drift(drifted)])
+    detail = {"verdict": "effect", "name": "CoulombFriction@joint", "parameters": {"tau_c": 0.2}}
+    house.monitor.feed([event(drifted, EventKind.DIAGNOSIS, **detail)])
+    # The filter's estimate is from before the drift, and stays so.
+    before = house.pipeline.estimate
+    for _ in range(5):
+        assert house.monitor.next_job() is None
+        house.clock.now += 1.0
+        house.pipeline.newest = house.clock.now
+        house.monitor.feed([])
+    assert house.pipeline.estimate is before
+    job, _ = house.monitor.next_job()
+    assert job.improvement.effect == "CoulombFriction@joint"
+    assert job.parameters.time >= drifted + 5
+    house.kill()
+
+
 def test_an_improved_model_that_is_gone_closes_the_gate(tmp_path, monkeypatch, found):
     monkeypatch.setattr("test_monitor.Script", WithData)
     house = House(tmp_path)

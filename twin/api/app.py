@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable
+from collections.abc import Callable
 from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any
@@ -10,6 +10,9 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Body, Depends, FastAPI, Query, Request, Response
 from fastapi.responses import FileResponse, JSONResponse, PlainTextResponse, StreamingResponse
 from fastapi.staticfiles import StaticFiles
+from starlette.datastructures import MutableHeaders
+from starlette.types import ASGIApp, Message, Receive, Send
+from starlette.types import Scope as Connection
 
 from foundation.errors import InputError, StoreError, UnknownNameError
 from twin.api import documents as docs
@@ -200,7 +203,7 @@ def make_app(service: Service, tokens: Tokens) -> FastAPI:
     )
     app.state.service, app.state.tokens = service, tokens
     _errors(app)
-    _guard(app, tokens)
+    app.add_middleware(_Guard, tokens=tokens)
     app.include_router(_OPEN)
     app.include_router(_READING)
     for path, file in (
@@ -234,15 +237,34 @@ def _errors(app: FastAPI) -> None:
     app.add_exception_handler(InputError, answer(409))
 
 
-def _guard(app: FastAPI, tokens: Tokens) -> None:
-    @app.middleware("http")
-    async def guard(request: Request, call: Callable[[Request], Awaitable[Response]]) -> Response:
-        refused = refuse_foreign_hosts(request, tokens)
+class _Guard:
+    """Refuses requests before anything else, and adds headers to answers.
+
+    A middleware of ASGI's own kind: Starlette's other one hands every piece of a live stream from
+    task to task.
+    """
+
+    def __init__(self, app: ASGIApp, tokens: Tokens) -> None:
+        self._app, self._tokens = app, tokens
+
+    async def __call__(self, scope: Connection, receive: Receive, send: Send) -> None:
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        request = Request(scope)
+        refused = refuse_foreign_hosts(request, self._tokens)
         if refused:
-            return JSONResponse({"detail": refused}, 403)
+            await JSONResponse({"detail": refused}, 403)(scope, receive, send)
+            return
         if int(request.headers.get("content-length") or 0) > 1 << 16:
-            return JSONResponse({"detail": "that is too much"}, 413)
-        response = await call(request)
-        response.headers["Content-Security-Policy"] = _POLICY
-        response.headers["X-Content-Type-Options"] = "nosniff"
-        return response
+            await JSONResponse({"detail": "that is too much"}, 413)(scope, receive, send)
+            return
+
+        async def guarded(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                headers = MutableHeaders(scope=message)
+                headers["Content-Security-Policy"] = _POLICY
+                headers["X-Content-Type-Options"] = "nosniff"
+            await send(message)
+
+        await self._app(scope, receive, guarded)
