@@ -31,6 +31,7 @@ from twin.improvement import improve
 from twin.journal import ROOM, SERVICE, Journal
 from twin.lineage import Recorded
 from twin.monitor import Monitor
+from twin.promptness import be_prompt
 from twin.settings import Settings, TwinSettings, settings_of
 from twin.store.documents import Evidence, ParameterSet
 from twin.store.history import Retention
@@ -188,6 +189,7 @@ class Service(Closing):
         for twin in self.settings.twins:
             if twin.name in names:
                 self._begin(twin)
+        be_prompt()
 
     def _pipeline(self, settings: TwinSettings, start: ParameterSet) -> Follower:
         return self._make_pipeline(settings, start, self._diagnoses)

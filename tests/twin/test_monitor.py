@@ -417,6 +417,9 @@ class Life(RuleBasedStateMachine):
         self.house.kill()
         self.house.start()
         self.job = None
+        if self.verified_data is None:
+            # It begins anew, on the clock as it is now, which may have been set back since.
+            self.drifted = min(self.drifted, self.house.clock.now)
 
     @rule()
     def rolled_back(self):

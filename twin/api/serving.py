@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import signal
-import sys
 import threading
 import time
 from collections.abc import Generator
@@ -23,12 +22,6 @@ from twin.tokens import Tokens, read_tokens
 
 _LOG = logging.getLogger("twinproof.twin")
 _FAREWELL = 5
-_TURN = 0.5e-3
-"""The interpreter's threads take turns so often [s].
-
-At every piece that is sent the server lets go of the interpreter, and has it again when the turn of
-the thread that follows the twins is over: with Python's own 5 ms, 200 readers wait for a second.
-"""
 
 
 def tokens_of(settings: Settings) -> Tokens:
@@ -75,7 +68,6 @@ class Server(uvicorn.Server):
 
 
 def _server(app: FastAPI, host: str, port: int) -> Server:
-    sys.setswitchinterval(min(sys.getswitchinterval(), _TURN))
     config = uvicorn.Config(
         app,
         host,
