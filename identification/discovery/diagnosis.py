@@ -22,6 +22,10 @@ from identification.gauss_newton import Fit
 from identification.problem import Vector
 
 SHORTLIST = 8
+# A fit whose error is this many times the noise, with a parameter that is this many times more or
+# less than declared, has run away; so many candidates are then tried from the declared values.
+_FAR_OFF = 3.0
+_MORE = 4
 _TRIALS = 3
 # An experiment is looked for that tells at most this many rivals apart: each is fitted to each.
 _COMPARED = 3
@@ -180,8 +184,12 @@ def _by_output_error(
 ) -> Diagnosis:
     scanned = scan(model, experiment, fit, progress=progress)
     shortlist = _shortlist(scanned.scored)
-    refits, failed = refit_all(model, experiment, fit, shortlist, progress=progress)
     noise = experiment.noise()
+    if _has_run_away(experiment, fit, noise):
+        progress("scoring again at the declared values, which the fit has left far behind")
+        shortlist += _shortlist_where_declared(model, experiment, fit)
+    refits, failed = refit_all(model, experiment, fit, shortlist, progress=progress)
+    refits = _once(refits)
     checks: dict[str, Verdict] = {}
     chosen: Refit | None = None
     # The best of n candidates gains this much by chance alone.
@@ -211,6 +219,43 @@ def _by_output_error(
         _next_experiment(rivals, progress),
         refits=refits,
     )
+
+
+def _has_run_away(experiment: Experiment, fit: Fit, noise: Vector) -> bool:
+    """Whether a model explains little, with values that are nothing like the declared ones."""
+    if np.all(fit.at.rms <= _FAR_OFF * noise):
+        return False
+    declared = experiment.problem.values
+    return any(
+        declared[name] != 0 and not 1 / _FAR_OFF < fit.values[name] / declared[name] < _FAR_OFF
+        for name in fit.free
+        if name not in fit.held
+    )
+
+
+def _shortlist_where_declared(
+    model: ExtendedModel, experiment: Experiment, fit: Fit
+) -> list[Scored]:
+    """Return the candidates that do most for the model as its author declared it.
+
+    Where much is missing, the model's parameters give up what the machine is: two inertias with an
+    offset between their encoders are fitted best by a shaft without stiffness. Nothing small can
+    be added to that. The declared values explain less, but near them the missing effect is seen.
+    """
+    values = dict(experiment.problem.values)
+    x0 = np.concatenate([record.guess(record.windows) for record in experiment.records])
+    followed = experiment.fit(x0, values, free=())
+    start = replace(fit, values=values, x0=followed.x0, sd=followed.sd, at=followed.at)
+    scored = scan(model, experiment, start).scored[:_MORE]
+    return [replace(s, start=start) for s in scored if s.gain > 0]
+
+
+def _once(refits: Sequence[Refit]) -> tuple[Refit, ...]:
+    """Keep the best of each candidate's refits, which are in order."""
+    best: dict[str, Refit] = {}
+    for found in refits:
+        best.setdefault(found.addition.label, found)
+    return tuple(best.values())
 
 
 def _shortlist(scored: Sequence[Scored]) -> list[Scored]:

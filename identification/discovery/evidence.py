@@ -147,13 +147,13 @@ def refit(model: ExtendedModel, experiment: Experiment, base: Fit, scored: Score
         UnsupportedModelError: The extended model cannot be simulated with sensitivities.
         DivergenceError: It cannot be fitted from any start.
     """
-    addition = scored.addition
+    addition, begin = scored.addition, scored.start or base
     bigger = extend(model.base, [*model.additions, addition], values=model.values)
     predicted = {
         bigger.parameter_of(addition, p): value
         for p, value in zip(addition.effect.main_parameters, scored.values.values(), strict=True)
     }
-    problems = transfer_problems(experiment, bigger, base.values, model, added=predicted)
+    problems = transfer_problems(experiment, bigger, begin.values, model, added=predicted)
     larger = Experiment.together(problems).lasting(experiment.window)
     starts = [predicted]
     nominal = {
@@ -163,7 +163,7 @@ def refit(model: ExtendedModel, experiment: Experiment, base: Fit, scored: Score
     }
     if all(value == 0.0 for value in predicted.values()):
         starts = [{k: share * v for k, v in nominal.items()} for share in _STARTS]
-    x0 = transfer_all_states(larger, bigger, experiment, model, base.x0)
+    x0 = transfer_all_states(larger, bigger, experiment, model, begin.x0)
     start = starts[0]
     if len(starts) > 1:
         tried = [_fit_from(larger, x0, s, iterations=_FIRST_STEPS) for s in starts]

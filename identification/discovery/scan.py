@@ -43,12 +43,14 @@ class Scored:
         values: Predicted main parameters.
         blind: It is not noticed until it is large, such as a limit: its slope at nothing is zero,
             and the score test cannot say anything.
+        start: Where it was scored and is to be refitted from; None for the model's fit.
     """
 
     addition: Addition
     gain: float
     values: Mapping[str, float]
     blind: bool = False
+    start: Fit | None = None
 
 
 @dataclass(frozen=True)
