@@ -87,6 +87,7 @@ def crossvalidate(
     noise: Vector,
     *,
     independent: Vector | None = None,
+    evidence: float = np.inf,
     tried: int = 1,
     patient: bool = False,
 ) -> Verdict:
@@ -98,6 +99,9 @@ def crossvalidate(
         noise: (channels of all records,) standard deviation of the sensors' noise.
         independent: (channels of all records,) independent samples in what the extension leaves
             over; None: ask the paired test only.
+        evidence: What the extension gains on the whole record [nats]. Unseen windows cannot say
+            more: on a robot that lacks nothing, one of ten that was not fitted spoke for a lag by
+            6798 nats, where the record knew of 7.
         tried: How many candidates were tried, for the correction (Bonferroni).
         patient: Ask over the windows of the fit as well, where short ones say no.
     """
@@ -115,12 +119,15 @@ def crossvalidate(
         after = _unseen(larger, extended, length)
         # A window that a model cannot simulate counts as a very wrong one, not as a missing one.
         before, after = (np.where(np.isinf(e), 1e6 * base.sd**2, e) for e in (before, after))
-        return _judge(before, after, noise, tries, independent)
+        nats = -np.inf
+        if independent is not None:
+            nats = min(_unseen_nats(before, after, independent), evidence)
+        return _judge(before, after, noise, tries, nats)
 
     tries = max(tried, 1)
     verdict = judge(CV_WINDOW, tries)
     is_small = verdict.chance <= LARGEST_CHANCE and 0 < verdict.removed < _SMALLEST_SHARE
-    may_be_small = patient and not verdict.accepted and _is_white(independent, smaller)
+    may_be_small = patient and not verdict.accepted and is_white(independent, smaller)
     if not (is_small or may_be_small):
         return verdict
     longer = judge(smaller.window, tries if is_small else 2 * tries)
@@ -128,8 +135,13 @@ def crossvalidate(
     return longer if accepted else verdict
 
 
-def _is_white(independent: Vector | None, experiment: Experiment) -> bool:
-    """Whether what is left over is the sensors' noise, and nothing slow."""
+def is_white(independent: Vector | None, experiment: Experiment) -> bool:
+    """Whether what is left over is the sensors' noise, and nothing slow.
+
+    Args:
+        independent: (channels of all records,) independent samples in it; None: nobody knows.
+        experiment: Whose records they are.
+    """
     if independent is None:
         return False
     ny = len(experiment.problem.output_names)
@@ -157,6 +169,7 @@ def crossvalidate_candidate(
         candidate.fit,
         experiment.noise(),
         independent=candidate.independent,
+        evidence=candidate.evidence,
         tried=tried,
         patient=len(candidate.model.additions) == 1 or candidate.addition.effect.empirical,
     )
@@ -290,9 +303,7 @@ def _unseen_nats(before: Matrix, after: Matrix, independent: Vector) -> float:
     return -np.inf if min(nats) < -max(_AGAINST, _SHARE_AGAINST * total) else total
 
 
-def _judge(
-    before: Matrix, after: Matrix, noise: Vector, tried: int, independent: Vector | None
-) -> Verdict:
+def _judge(before: Matrix, after: Matrix, noise: Vector, tried: int, nats: float) -> Verdict:
     mean_before, mean_after = np.nanmean(before, axis=0), np.nanmean(after, axis=0)
     # Each channel in units of its present error, so that all count alike.
     unit = _above_zero(mean_before)
@@ -301,9 +312,7 @@ def _judge(
     gained = float(np.mean(difference))
     t = gained / max(spread, 1e-300)
     chance = float(stats.t.sf(t, len(difference) - 1))
-    if independent is not None:
-        chance = min(chance, float(np.exp(-_unseen_nats(before, after, independent))))
-    chance = min(1.0, chance * tried)
+    chance = min(1.0, tried * chance, tried * float(np.exp(-nats)))
     # What was above the noise is what was gained and what is left. (Each window's initial state
     # takes a part of the noise up, so an error may also lie below it.)
     share = np.mean(~np.isnan(before), axis=0)

@@ -10,7 +10,7 @@ import numpy as np
 
 from foundation.errors import DivergenceError, TwinproofError, UnsupportedModelError
 from foundation.progress import Progress, silent
-from identification.discovery.crossvalidation import Verdict, crossvalidate_candidate
+from identification.discovery.crossvalidation import Verdict, crossvalidate_candidate, is_white
 from identification.discovery.empirical import Proposal, propose
 from identification.discovery.evidence import CHANCE_GAIN, Refit, refit_all
 from identification.discovery.extension import ExtendedModel
@@ -35,6 +35,8 @@ _AT_FLOOR = 1.1
 # A sensor's fault that leaves more than a tenth of the error above the noise is not all.
 _ALL_BUT = 0.9
 _NUMERICAL = 1e-5
+# An effect that removes more than this share of what a model missed is not asked again.
+_MOST = 0.5
 # A disturbance of this share of the input may be called noise of the machine; beside one of that
 # share no effect is named.
 _SMALL_DISTURBANCE = 0.02
@@ -129,7 +131,13 @@ def diagnose(
     found = _by_output_error(model, experiment, fit, progress)
     noise_known = not np.any(np.isnan(experiment.problem.noise_sd))
     # A disturbance that differs from record to record has not been looked for yet.
-    if found.outcome is Outcome.UNKNOWN_SHAPE and noise_known and not experiment.also:
+    can_ask = noise_known and not experiment.also
+    if can_ask and _is_doubtful(found, experiment):
+        nothing = replace(found, outcome=Outcome.UNKNOWN_SHAPE, ties=(), chosen=None)
+        asked = _with_disturbance(model, experiment, fit, nothing, progress)
+        if asked.outcome is not Outcome.UNKNOWN_SHAPE:
+            return asked
+    if can_ask and found.outcome is Outcome.UNKNOWN_SHAPE:
         found = _with_disturbance(model, experiment, fit, found, progress)
     if found.outcome is Outcome.UNKNOWN_SHAPE:
         progress("looking for a curve without a name")
@@ -139,6 +147,18 @@ def diagnose(
         curve = curve or propose(model, experiment, fit, found.refits)
         found = replace(found, proposal=curve)
     return found
+
+
+def _is_doubtful(found: Diagnosis, experiment: Experiment) -> bool:
+    """Whether more is left of what the model missed than was explained, and it is slow.
+
+    A disturbance that comes and goes as slowly as a load turns is explained by a cogging of the
+    load, in part, on unseen windows too.
+    """
+    chosen = found.chosen
+    if chosen is None or is_white(chosen.independent, experiment):
+        return False
+    return found.checks[chosen.addition.label].removed < _MOST
 
 
 def _with_disturbance(
@@ -194,7 +214,8 @@ def _by_output_error(
     chosen: Refit | None = None
     # The best of n candidates gains this much by chance alone.
     worth_trying = CHANCE_GAIN + np.log(max(len(scanned.scored), 1))
-    for candidate in [r for r in refits if r.evidence > worth_trying][:_TRIALS]:
+    # States of its own that start anew in every window gain as much by chance.
+    for candidate in [r for r in refits if r.evidence > worth_trying and r.merit > 0][:_TRIALS]:
         progress(f"cross-validating {candidate.addition.label}")
         verdict = crossvalidate_candidate(experiment, fit, candidate, tried=len(refits))
         checks[candidate.addition.label] = verdict

@@ -329,9 +329,9 @@ def test_what_is_lost_is_lost_entirely(name: str) -> None:
     """No gain in between that could pass for another effect, and a slope to be found by."""
     _, _, lost = through(name, u=TURNS, k=1.0)
     _, before, half = through(name, u=TURNS, k=0.3)
-    _, _, little = through(name, u=TURNS, k=0.01)
+    _, _, little = through(name, u=TURNS, k=0.0005)
     np.testing.assert_array_equal(half, lost)
-    np.testing.assert_allclose(little - before, 0.01 * (lost - before), atol=1e-15)
+    np.testing.assert_allclose(little - before, 0.0005 * (lost - before), atol=1e-15)
 
 
 def low_pass(time: Array, T: float) -> Array:
