@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from benchmarks.hidden_effects.cases import cases, right_labels
@@ -50,6 +52,26 @@ def test_nothing_is_added_where_nothing_is_missing(name):
     found = score(CASES[name])
     assert not found.trouble
     assert (found.first, found.added) == ("", ())
+
+
+@pytest.mark.parametrize(
+    ("name", "seed", "first"),
+    [
+        # Its fit runs away: a shaft without stiffness.
+        ("two-mass drive: Offset@phi_1 large", 201_271, "Offset@phi_1"),
+        # A sign loss of 2 % was a tie with it.
+        ("oscillator: AsymmetricGain@F small", 201_120, "AsymmetricGain@F"),
+        # What is slow passes for a cogging of the load.
+        ("two-mass drive: nothing, disturbance 3", 205_003, ""),
+        # A lag gains by a state that starts anew in every window.
+        ("balancing robot: nothing, poor excitation 1", 205_001, ""),
+    ],
+)
+def test_what_once_went_wrong(name, seed, first):
+    found = score(replace(CASES[name], seed=seed))
+    assert not found.trouble
+    assert found.first == first
+    assert found.verdict == "complete"
 
 
 def test_a_force_in_no_library_is_not_called_complete():
