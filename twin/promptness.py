@@ -5,7 +5,7 @@ from __future__ import annotations
 import gc
 import sys
 
-_TURN = 1e-3
+_TURN = 1e-4
 """Python's threads take turns so often [s], not every 5 ms.
 
 Whoever waits for a frame, or has sent a piece to a reader, has the interpreter again only when the

@@ -186,18 +186,19 @@ class Service(Closing):
         _LOG.info("stopped")
 
     def _begin_all(self, names: Collection[str]) -> None:
-        for twin in self.settings.twins:
-            if twin.name in names:
-                self._begin(twin)
+        wanted = [twin for twin in self.settings.twins if twin.name in names]
+        # That takes long, and frames that came meanwhile would be stamped late.
+        monitors = [
+            Monitor(twin, self._pipeline, self.journal, self.clock, roots=self._roots)
+            for twin in wanted
+        ]
         be_prompt()
+        for twin, monitor in zip(wanted, monitors, strict=True):
+            source = self._open_source(self.settings, twin)
+            self._twins[twin.name] = Running(monitor, source, Averages())
 
     def _pipeline(self, settings: TwinSettings, start: ParameterSet) -> Follower:
         return self._make_pipeline(settings, start, self._diagnoses)
-
-    def _begin(self, twin: TwinSettings) -> None:
-        monitor = Monitor(twin, self._pipeline, self.journal, self.clock, roots=self._roots)
-        source = self._open_source(self.settings, twin)
-        self._twins[twin.name] = Running(monitor, source, Averages())
 
     def _end(self, name: str) -> None:
         running = self._twins.pop(name)

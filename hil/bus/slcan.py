@@ -96,6 +96,11 @@ class SlcanBus(can.BusABC):
         """Return the terminal's file descriptor, to wait for frames with `select`."""
         return self._file
 
+    @property
+    def buffered(self) -> int:
+        """Frames that have been read, and are received without waiting for the terminal."""
+        return len(self._frames)
+
     def send(self, msg: Message, timeout: float | None = None) -> None:
         """Send a frame.
 

@@ -14,6 +14,7 @@ from contextlib import suppress
 import can
 import numpy as np
 
+from hil.bus.slcan import SlcanBus
 from recordings.readers.can_frames import EXTENDED, WORD, FrameList, Frames
 
 MICROSECOND = 1000
@@ -103,6 +104,7 @@ class Receiver:
         self._reception = reception or Reception()
         # Without a timeout the first frame that the filters hold back looks like the last one.
         self._timeout = _FILTERING if bus.filters else 0.0
+        self._blocks = bus if isinstance(bus, SlcanBus) else None
 
     def start(self) -> None:
         """Begin to receive."""
@@ -132,6 +134,8 @@ class Receiver:
                     queue.append(frame)
                 else:
                     self.dropped += 1
+                if self._blocks is not None and not self._blocks.buffered:
+                    return  # the selector says when there is more, for less than asking
         except Exception as error:
             # Whatever a driver raises, the other buses are received from.
             self.error = error
