@@ -18,7 +18,6 @@ import tty
 import urllib.request
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Protocol
@@ -99,8 +98,13 @@ class _Feed(Protocol):
         ...
 
     @property
-    def figures(self) -> Iterator[Figure]:
-        """What was counted."""
+    def most(self) -> int:
+        """Frames that waited for a twin since then, at most."""
+        ...
+
+    @property
+    def refused(self) -> int:
+        """Frames that could not be sent, known at the end."""
         ...
 
     def end(self) -> int:
@@ -164,14 +168,28 @@ class _Playing:
             source.most = 0
 
     @property
-    def figures(self) -> Iterator[Figure]:
-        most = max(source.most for source in self._sources)
-        yield Figure("  frames that a twin found waiting, at most", most)
+    def most(self) -> int:
+        return max(source.most for source in self._sources)
+
+    @property
+    def refused(self) -> int:
+        return 0
 
     def end(self) -> int:
         for source in self._sources:
             source.is_over = True
         return sum(source.sent for source in self._sources)
+
+
+class _Counting(BusSource):
+    """A bus of which it is counted how many frames waited at most."""
+
+    most = 0
+
+    def read(self) -> Frames:
+        found = super().read()
+        self.most = max(self.most, len(found))
+        return found
 
 
 class _Adapters(Closing):
@@ -185,27 +203,30 @@ class _Adapters(Closing):
         for file in theirs:
             tty.setraw(file)
         self.path = _prepare(folder, [os.ttyname(file) for file in theirs])
-        self.source = partial(BusSource, reception=Reception())
+        self._reception, self._sources = Reception(), list[_Counting]()
         code = f"from benchmarks.twin.load import write_lines as w; w({ours})"
         pipe = subprocess.PIPE
         self._process = subprocess.Popen(
             [sys.executable, "-c", code], stdin=pipe, stdout=pipe, text=True, pass_fds=ours
         )
-        self._sent = self._refused = 0
-        self._cores = 0.0
+        self.refused = 0
+
+    def source(self, settings: Settings, twin: TwinSettings) -> Source:
+        self._sources.append(_Counting(settings, twin, self._reception))
+        return self._sources[-1]
 
     def begin(self) -> None:
-        """Nothing to count here."""
+        for source in self._sources:
+            source.most = 0
 
     @property
-    def figures(self) -> Iterator[Figure]:
-        yield Figure("  frames for which an adapter had no room", self._refused, 0)
-        yield Figure("  beside it the adapters", self._cores, None, "cores")
+    def most(self) -> int:
+        return max(source.most for source in self._sources)
 
     def end(self) -> int:
         said, _ = self._process.communicate("end")
-        self._sent, self._refused, self._cores = json.loads(said)
-        return self._sent
+        sent, self.refused = json.loads(said)
+        return sent
 
     def close(self) -> None:
         self._process.kill()
@@ -215,13 +236,13 @@ class _Adapters(Closing):
 
 
 def write_lines(files: list[int]) -> None:
-    """Be all adapters until something is said; tell frames sent, refused, and processor time."""
+    """Be all adapters until something is said; tell how many frames were sent and refused."""
     lines = [line_of(message) for message in bus.messages(bus.motion(_MOTION, seed=1))]
     samples = [b"".join(lines[k : k + _MESSAGES]) for k in range(0, len(lines), _MESSAGES)]
     for file in files:
         os.set_blocking(file, False)
     sent = refused = 0
-    began, used = time.monotonic(), time.process_time()
+    began = time.monotonic()
     # One after the other, as machines that know nothing of each other would.
     apart = 1 / bus.RATE / len(files)
     for count in range(len(samples) * len(files)):
@@ -234,8 +255,7 @@ def write_lines(files: list[int]) -> None:
             sent += _MESSAGES
         except BlockingIOError:
             refused += _MESSAGES
-    span = time.monotonic() - began
-    print(json.dumps([sent, refused, (time.process_time() - used) / span]))
+    print(json.dumps([sent, refused]))
 
 
 @dataclass
@@ -281,6 +301,10 @@ def _await(condition: Callable[[], bool], seconds: float = 120.0) -> None:
         time.sleep(0.1)
 
 
+def _open(service: Service) -> int:
+    return sum(m.decide().allowed for m in service.monitors.values())
+
+
 def tell_readers(url: str, names: list[str]) -> None:
     """Read live data in this process, and say what came of it."""
     print(json.dumps(asyncio.run(read_live(url, names))))
@@ -297,7 +321,7 @@ def _run(service: Service, feed: _Feed, name: str) -> Iterator[Figure]:
         feed.begin()
         end = time.monotonic() + SECONDS
         quiet = _measured(service, server.url, lambda: time.monotonic() > end)
-        waiting = list(feed.figures)
+        most, is_open = feed.most, [_open(service)]
         watching = [next(iter(monitors))] * READERS
         code = f"from benchmarks.twin.load import tell_readers as t; t({server.url!r}, {watching})"
         command = [sys.executable, "-c", code]
@@ -305,7 +329,7 @@ def _run(service: Service, feed: _Feed, name: str) -> Iterator[Figure]:
             read = _measured(service, server.url, lambda: process.poll() is not None)
             assert process.stdout is not None
             rate, longest = json.loads(process.stdout.read())
-        is_open = sum(m.decide().allowed for m in monitors.values())
+        is_open.append(_open(service))
         sent = feed.end()
         taken = -1
         while taken < (taken := counted("received")):
@@ -318,13 +342,15 @@ def _run(service: Service, feed: _Feed, name: str) -> Iterator[Figure]:
     )
     yield Figure("  followed, of real time", quiet.followed)
     yield Figure(f"  frames lost, of {sent}", lost, 0)
-    yield from waiting
-    yield Figure("  gates open at the end", is_open, len(monitors), "", at_least=True)
+    yield Figure("  frames for which an adapter had no room", feed.refused, 0)
+    yield Figure("  frames that a twin found waiting, at most", most)
+    yield Figure("  gates open after that", is_open[0], len(monitors), "", at_least=True)
     yield Figure("  longest answer of the API", quiet.slowest, 1.0, "s")
     yield Figure(f"  with {READERS} readers beside it", read.cores, 2.0, "cores")
     yield Figure("    followed, of real time", read.followed)
     yield Figure("    live documents a second each", rate, 4.0, "1/s", at_least=True)
     yield Figure("    longest wait", longest, 1.0, "s")
+    yield Figure("    gates open after that", is_open[1], len(monitors), "", at_least=True)
 
 
 def _serve(feed: _Feed, path: Path, name: str) -> Iterator[Figure]:
