@@ -29,7 +29,7 @@ from identification.prediction import WINDOW
 # A simpler law with less than this share of the chosen one's evidence is no rival.
 _NEARLY = 0.5
 # A curve that takes up less than this share of what is left is not what is left of a law's shape.
-_MOST = 0.3
+_MOST = 0.2
 # It is looked for where predictions are further off than this many times what noise would leave.
 _AT_FLOOR = 1.1
 

@@ -36,7 +36,7 @@ _AT_FLOOR = 1.1
 _ALL_BUT = 0.9
 _NUMERICAL = 1e-5
 # An effect that removes more than this share of what a model missed is not asked again.
-_MOST = 0.5
+_MOST_REMOVED = 0.5
 # A disturbance of this share of the input may be called noise of the machine; beside one of that
 # share no effect is named.
 _SMALL_DISTURBANCE = 0.02
@@ -158,7 +158,7 @@ def _is_doubtful(found: Diagnosis, experiment: Experiment) -> bool:
     chosen = found.chosen
     if chosen is None or is_white(chosen.independent, experiment):
         return False
-    return found.checks[chosen.addition.label].removed < _MOST
+    return found.checks[chosen.addition.label].removed < _MOST_REMOVED
 
 
 def _with_disturbance(

@@ -97,16 +97,19 @@ def propose(
         return None
     scored = sorted(score_group(model, experiment, fit, curves), key=lambda s: -s.gain)
     known = _as_found(model, fit)
-    tried = [_held_to_its_size(s, known) for s in scored[:_TRIED] if s.gain > 0]
-    for found in refit_all(model, experiment, fit, tried)[0]:
-        if found.merit < _LEAST_EVIDENCE:
-            continue
-        verdict = crossvalidate_candidate(experiment, fit, found, tried=len(curves))
-        if verdict.accepted:
-            place = found.addition.place.name
-            near = [r.addition.label for r in refits if r.addition.place.name == place]
-            over = variable_of(found.addition.effect, model.base).words
-            return Proposal(found, over, verdict, tuple(near[:3]))
+    likely = [s for s in scored[:_TRIED] if s.gain > 0]
+    # The corner of a limit is all in a few bumps, beside which most are nothing.
+    for size in (_usual_height, _largest_height):
+        tried = [_held_to_its_size(s, known, size(s)) for s in likely]
+        for found in refit_all(model, experiment, fit, tried)[0]:
+            if found.merit < _LEAST_EVIDENCE:
+                continue
+            verdict = crossvalidate_candidate(experiment, fit, found, tried=len(curves))
+            if verdict.accepted:
+                place = found.addition.place.name
+                near = [r.addition.label for r in refits if r.addition.place.name == place]
+                over = variable_of(found.addition.effect, model.base).words
+                return Proposal(found, over, verdict, tuple(near[:3]))
     return None
 
 
@@ -125,17 +128,24 @@ def _as_found(model: ExtendedModel, fit: Fit) -> dict[str, Prior]:
     }
 
 
-def _held_to_its_size(scored: Scored, known: Mapping[str, Prior]) -> Scored:
-    """Return a curve whose bumps have a prior as wide as most of them are high.
+def _usual_height(scored: Scored) -> float:
+    return _WIDTH * float(np.median(np.abs(list(scored.values.values()))))
+
+
+def _largest_height(scored: Scored) -> float:
+    return float(np.max(np.abs(list(scored.values.values()))))
+
+
+def _held_to_its_size(scored: Scored, known: Mapping[str, Prior], size: float) -> Scored:
+    """Return a curve whose bumps have a prior of a size [the curve's unit].
 
     Where the record hardly goes, nothing holds a bump, and a fit to a part of the record sends it
     anywhere.
     """
-    heights = np.array(list(scored.values.values()))
-    size = _WIDTH * float(np.median(np.abs(heights)))
     if not size > 0:
         return scored
-    start = dict(zip(scored.values, np.clip(heights, -size, size).tolist(), strict=True))
+    heights = np.clip(list(scored.values.values()), -size, size)
+    start = dict(zip(scored.values, heights.tolist(), strict=True))
     addition = scored.addition
     own = {f"{addition.instance}.{p}": Prior(0.0, size) for p in addition.effect.main_parameters}
     return replace(scored, addition=replace(addition, priors={**known, **own}), values=start)
