@@ -54,6 +54,8 @@ class Variable:
         binding: Value of a parameter or constant.
         tunable: The value may change between runs (not `final`, not structural).
         known: Declared `annotation(__twinproof(known=true))`: never fitted.
+        unit_in_series: Declared `annotation(__twinproof(unit="1/signal"))`: the unit where its
+            block stands in series, by that of the signal.
         position: Where it is declared.
     """
 
@@ -72,6 +74,7 @@ class Variable:
     binding: Expression | None = None
     tunable: bool = False
     known: bool = False
+    unit_in_series: str = ""
     flow: bool = False
     position: Position | None = None
 

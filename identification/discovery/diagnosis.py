@@ -11,6 +11,7 @@ import numpy as np
 from foundation.errors import DivergenceError, TwinproofError, UnsupportedModelError
 from foundation.progress import Progress, silent
 from identification.discovery.crossvalidation import Verdict, crossvalidate_candidate, is_white
+from identification.discovery.effects import unit_at
 from identification.discovery.empirical import Proposal, propose
 from identification.discovery.evidence import CHANCE_GAIN, Refit, refit_all
 from identification.discovery.extension import ExtendedModel
@@ -296,9 +297,8 @@ def _shortlist(scored: Sequence[Scored]) -> list[Scored]:
 
 def _row(refit: Refit) -> Ranked:
     parameters: dict[str, tuple[float, float, str]] = {}
-    # A block in series has the unit of the signal it stands in.
     place = refit.addition.place
-    units = {v.name: v.unit or place.unit for v in refit.addition.effect.parameters}
+    units = {v.name: unit_at(v, place) for v in refit.addition.effect.parameters}
     for name, value in refit.addition.values.items():
         flat = refit.model.parameter_of(refit.addition, name)
         sd = np.inf

@@ -14,6 +14,7 @@ from pathlib import Path
 
 from fmus.dae import Dae, Variable
 from fmus.frontend import load
+from fmus.places import Place
 from fmus.sources import ModelicaSource
 from foundation.errors import UnknownNameError
 from modelica import LIBRARY
@@ -102,6 +103,25 @@ class Effect:
             for p, value in zip(self.parameters, self.defaults, strict=True)
             if value != 0.0 and not p.known
         )
+
+
+def unit_at(parameter: Variable, place: Place) -> str:
+    """Return the unit of an effect's parameter where the effect is.
+
+    One that declares no unit has that of the signal it stands in, or what it says of that.
+
+    Example:
+        >>> from fmus.dae import Role
+        >>> limit = Variable("inverse_limit", Role.PARAMETER, unit_in_series="1/signal")
+        >>> [unit_at(limit, Place("u", "input", unit)) for unit in ("V", "rad/s")]
+        ['1/V', '1/(rad/s)']
+    """
+    if parameter.unit or not parameter.unit_in_series:
+        return parameter.unit or place.unit
+    unit = place.unit
+    if not parameter.unit_in_series.startswith("signal") and re.search(r"[./]", unit):
+        unit = f"({unit})"
+    return parameter.unit_in_series.replace("signal", unit)
 
 
 def find_effects(source: ModelicaSource | None = None) -> tuple[Effect, ...]:

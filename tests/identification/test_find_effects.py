@@ -6,8 +6,9 @@ import pytest
 import truth_records as truth
 import user_models
 
+from fmus.places import Place
 from foundation.errors import ModelicaError, UnknownNameError
-from identification.discovery.effects import find_effects, resolve
+from identification.discovery.effects import find_effects, resolve, unit_at
 from modelica import LIBRARY
 
 # `LIBRARY` is the path that holds the package Twinproof.
@@ -35,6 +36,23 @@ def test_an_effect_is_what_its_class_says():
     assert by_name["tau_s"].unit == "N.m"
     assert by_name["w_0"].known
     assert not effect.delays
+
+
+@pytest.mark.parametrize(
+    ("effect", "parameter", "expected"),
+    [
+        ("Saturation", "inverse_limit", "1/V"),
+        ("RateLimit", "inverse_rate", "s/V"),
+        ("RateLimit", "T", "s"),
+        ("Drift", "b_t", "V/s"),
+        ("DeadZone", "w", "V"),
+        ("Gain", "k", "1"),
+    ],
+)
+def test_units_where_a_block_stands_in_a_voltage(effect, parameter, expected):
+    found = resolve(effect, "signal", find_effects())
+    declared = next(p for p in found.parameters if p.name == parameter)
+    assert unit_at(declared, Place("V", "input", "V")) == expected
 
 
 def test_only_the_delay_delays():

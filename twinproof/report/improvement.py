@@ -10,6 +10,7 @@ from pathlib import Path
 
 from foundation.errors import TwinproofError
 from identification.comparison import Comparison
+from identification.discovery.effects import unit_at
 from identification.discovery.extension import text_diff
 from identification.discovery.ladder import Improvement, Step
 from identification.discovery.shape import missing_force
@@ -220,8 +221,8 @@ def _row(step: Step, short: _Short, problem: Problem, *, windows: bool) -> StepR
 
 def _value(step: Step, name: str) -> str:
     addition = step.model.additions[-1]
-    unit = next(p.unit for p in addition.effect.parameters if p.name == name)
-    shown = unit or addition.place.unit
+    parameter = next(p for p in addition.effect.parameters if p.name == name)
+    shown = unit_at(parameter, addition.place)
     number = significant(addition.values[name], 4)
     return f"{name} = {number} {typeset(shown)}" if shown not in ("", "1") else f"{name} = {number}"
 

@@ -3,7 +3,7 @@ block Drift "Zero that moves with time"
   extends Twinproof.Interfaces.SignalEffect;
 
   parameter Real b_t(min = -2e-3, max = 2e-3, nominal = 1e-3) = 0
-    "Drift per second, in the unit of the signal";
+    "Drift per second, in the unit of the signal" annotation(__twinproof(unit = "signal/s"));
 equation
   y = u + b_t * time;
 

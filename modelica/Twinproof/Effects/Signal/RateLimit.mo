@@ -3,7 +3,8 @@ block RateLimit "Limit on how fast the signal may change"
   extends Twinproof.Interfaces.SignalEffect;
 
   parameter Real inverse_rate(min = 0, nominal = 0.1) = 0
-    "One over the largest rate, in seconds per unit of the signal; 0 for no limit";
+    "One over the largest rate, in seconds per unit of the signal; 0 for no limit"
+    annotation(__twinproof(unit = "s/signal"));
   parameter Real T(unit = "s", min = 1e-4, nominal = 0.01) = 0.01
     "Time constant of the follower" annotation(__twinproof(known = true));
   parameter Real x_start = 0 "Start of the follower, in the unit of the signal";

@@ -3,7 +3,8 @@ block Saturation "Limit on the size of the signal"
   extends Twinproof.Interfaces.SignalEffect;
 
   parameter Real inverse_limit(min = 0, nominal = 0.1) = 0
-    "One over the largest size, in the inverse unit of the signal; 0 for no limit";
+    "One over the largest size, in the inverse unit of the signal; 0 for no limit"
+    annotation(__twinproof(unit = "1/signal"));
 equation
   y = u / max(1.0, inverse_limit * abs(u));
 
