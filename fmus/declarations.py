@@ -17,30 +17,28 @@ def declaration_annotation(text: str) -> str:
     Example:
         >>> declaration_annotation('k=2 "gain; (" annotation(__twinproof(known=true)); Real x;')
         'known=true'
+        >>> declaration_annotation('b "slope" annotation(__twinproof(unit="signal/s")); Real x;')
+        'unit="signal/s"'
     """
-    declaration = _until_semicolon(text)
-    found = re.search(r"\b__twinproof\s*\(", declaration)
+    # Of the same length, so that what is found there can be read in the text.
+    code = _code(text)
+    found = re.search(r"\b__twinproof\s*\(", code)
     if found is None:
         return ""
     depth, begin = 1, found.end()
-    for index in range(begin, len(declaration)):
-        depth += {"(": 1, ")": -1}.get(declaration[index], 0)
+    for index in range(begin, len(code)):
+        depth += {"(": 1, ")": -1}.get(code[index], 0)
         if depth == 0:
-            return declaration[begin:index].strip()
+            return text[begin:index].strip()
     return ""
 
 
-def _until_semicolon(text: str) -> str:
-    """Return text up to the first semicolon outside strings, comments blanked."""
+def _code(text: str) -> str:
+    """Return text up to the first semicolon, what is in strings and comments blanked."""
     kept: list[str] = []
     for token in re.finditer(r'"(?:[^"\\]|\\.)*"|//[^\n]*|/\*.*?\*/|.', text, re.DOTALL):
         piece = token[0]
         if piece == ";":
             break
-        if piece.startswith(("//", "/*")):
-            kept.append(" ")
-        elif piece.startswith('"'):
-            kept.append('""')
-        else:
-            kept.append(piece)
+        kept.append(piece if len(piece) == 1 else " " * len(piece))
     return "".join(kept)

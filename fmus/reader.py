@@ -174,7 +174,7 @@ class Reader:
             for key in ("start", "min", "max", "nominal", "binding")
         }
         annotation = self._annotation(row["declaration"])
-        found_unit = re.search(r'\b__twinproof\s*\(.*?\bunit\s*=\s*"([^"]*)"', annotation)
+        of_signal = re.search(r'\bunit\s*=\s*"([^"]*)"', annotation)
         found: list[Variable] = []
         for k, leaf in enumerate(leaves):
             assert isinstance(leaf, Symbol)
@@ -201,7 +201,7 @@ class Reader:
                     and not flat.get("is_protected", False)
                     and name not in self._clock_parameters,
                     known=re.search(r"\bknown\s*=\s*true\b", annotation) is not None,
-                    unit_in_series=found_unit[1] if found_unit else "",
+                    unit_in_series=of_signal[1] if of_signal else "",
                     flow=bool(flat.get("flow")),
                     position=position,
                 )
