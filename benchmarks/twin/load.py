@@ -16,11 +16,12 @@ import sys
 import time
 import tty
 import urllib.request
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Protocol
+from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
 
@@ -86,30 +87,46 @@ def _prepare(folder: Path, channels: Sequence[str] = ()) -> Path:
     return path
 
 
-class _Feed(Protocol):
-    """Where all twins' frames come from."""
+class _Counts(Protocol):
+    """A source that counts how many frames waited at most."""
 
+    most: int
+
+
+S = TypeVar("S", bound=_Counts)
+
+
+class _Feed(ABC, Generic[S]):
+    """Where all twins' frames come from.
+
+    Attributes:
+        path: Of the service's settings.
+        refused: Frames that could not be sent, known at the end.
+    """
+
+    path: Path
+    refused = 0
+
+    def __init__(self) -> None:
+        self._sources: list[S] = []
+
+    @abstractmethod
     def source(self, settings: Settings, twin: TwinSettings) -> Source:
         """Return one twin's."""
-        ...
+
+    @abstractmethod
+    def end(self) -> int:
+        """Send no more; return how many frames were sent."""
 
     def begin(self) -> None:
         """Count from now on."""
-        ...
+        for source in self._sources:
+            source.most = 0
 
     @property
     def most(self) -> int:
         """Frames that waited for a twin since then, at most."""
-        ...
-
-    @property
-    def refused(self) -> int:
-        """Frames that could not be sent, known at the end."""
-        ...
-
-    def end(self) -> int:
-        """Send no more; return how many frames were sent."""
-        ...
+        return max(source.most for source in self._sources)
 
 
 class _Played:
@@ -150,30 +167,19 @@ class _Played:
         self._recorder.close()
 
 
-class _Playing:
+class _Playing(_Feed[_Played]):
     """The same motion, played for every twin."""
 
     def __init__(self, folder: Path) -> None:
         self._frames = bus.frames(bus.motion(_MOTION, seed=1))
-        self._folder, self._sources = folder, list[_Played]()
+        super().__init__()
+        self._folder = folder
         self.path = _prepare(folder)
 
     def source(self, settings: Settings, twin: TwinSettings) -> Source:  # noqa: ARG002
         played = _Played(self._frames, self._folder / "recordings" / twin.name)
         self._sources.append(played)
         return played
-
-    def begin(self) -> None:
-        for source in self._sources:
-            source.most = 0
-
-    @property
-    def most(self) -> int:
-        return max(source.most for source in self._sources)
-
-    @property
-    def refused(self) -> int:
-        return 0
 
     def end(self) -> int:
         for source in self._sources:
@@ -192,10 +198,11 @@ class _Counting(BusSource):
         return found
 
 
-class _Adapters(Closing):
+class _Adapters(_Feed[_Counting], Closing):
     """The same motion from serial adapters: pseudo-terminals that another process writes to."""
 
     def __init__(self, folder: Path) -> None:
+        super().__init__()
         self._pairs = [os.openpty() for _ in range(TWINS)]
         ours = [ours for ours, _ in self._pairs]
         # Kept open here: a terminal whose last user leaves hangs up for good.
@@ -203,25 +210,16 @@ class _Adapters(Closing):
         for file in theirs:
             tty.setraw(file)
         self.path = _prepare(folder, [os.ttyname(file) for file in theirs])
-        self._reception, self._sources = Reception(), list[_Counting]()
+        self._reception = Reception()
         code = f"from benchmarks.twin.load import write_lines as w; w({ours})"
         pipe = subprocess.PIPE
         self._process = subprocess.Popen(
             [sys.executable, "-c", code], stdin=pipe, stdout=pipe, text=True, pass_fds=ours
         )
-        self.refused = 0
 
     def source(self, settings: Settings, twin: TwinSettings) -> Source:
         self._sources.append(_Counting(settings, twin, self._reception))
         return self._sources[-1]
-
-    def begin(self) -> None:
-        for source in self._sources:
-            source.most = 0
-
-    @property
-    def most(self) -> int:
-        return max(source.most for source in self._sources)
 
     def end(self) -> int:
         said, _ = self._process.communicate("end")
@@ -310,7 +308,7 @@ def tell_readers(url: str, names: list[str]) -> None:
     print(json.dumps(asyncio.run(read_live(url, names))))
 
 
-def _run(service: Service, feed: _Feed, name: str) -> Iterator[Figure]:
+def _run(service: Service, feed: _Feed[Any], name: str) -> Iterator[Figure]:
     monitors = service.monitors
 
     def counted(name: str) -> int:
@@ -353,7 +351,7 @@ def _run(service: Service, feed: _Feed, name: str) -> Iterator[Figure]:
     yield Figure("    gates open after that", is_open[1], len(monitors), "", at_least=True)
 
 
-def _serve(feed: _Feed, path: Path, name: str) -> Iterator[Figure]:
+def _serve(feed: _Feed[Any], path: Path, name: str) -> Iterator[Figure]:
     with Service(
         path,
         lambda settings, start, executor: Pipeline(settings, start, executor=executor),
