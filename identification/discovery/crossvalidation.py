@@ -48,6 +48,7 @@ CV_WINDOW = 0.25 * WINDOW
 LARGEST_CHANCE = 0.01
 _LARGEST_SECOND_CHANCE = 1e-4
 _LARGEST_CHANCE_OF_NOTHING = 1e-3
+_NO_DOUBT = 1e-8
 _SMALLEST_SHARE = 0.05
 _FEWEST_WINDOWS = 10
 # What is left over is white with this share of its samples independent.
@@ -155,7 +156,9 @@ def crossvalidate_candidate(
     """Compare a model with the one that has a candidate too (see `crossvalidate`).
 
     Its parameters must also be told from nothing by their covariance: beside a slow disturbance,
-    forty short windows preferred a spring of -0.0009 ± 0.0009 N.m/rad at p = 2e-5.
+    forty short windows preferred a spring of -0.0009 ± 0.0009 N.m/rad at p = 2e-5. Where nothing
+    slow is left and unseen windows leave no doubt, that is not asked: height and width of a
+    friction near standstill go together, and 4.0 ± 1.2 N.m gained 535 nats.
 
     Args:
         experiment, base: The model and its fit.
@@ -174,7 +177,8 @@ def crossvalidate_candidate(
         patient=len(candidate.model.additions) == 1 or candidate.addition.effect.empirical,
     )
     chance = min(1.0, tried * chance_of_nothing(candidate))
-    if not verdict.accepted or chance <= _LARGEST_CHANCE_OF_NOTHING:
+    no_doubt = verdict.chance <= _NO_DOUBT and is_white(candidate.independent, experiment)
+    if not verdict.accepted or chance <= _LARGEST_CHANCE_OF_NOTHING or no_doubt:
         return verdict
     reason = f"its parameters are not told from nothing ({_in_words(chance)})"
     return replace(verdict, accepted=False, reason=reason)
@@ -235,15 +239,16 @@ def _unseen_windows(experiment: Experiment, whole: Fit, length: float) -> Matrix
     errors = np.full((count, len(sd)), np.nan)
     for window, record in enumerate(owner):
         errors[window, record * ny : (record + 1) * ny] = np.inf
-    guesses = np.concatenate(
-        [e.guess(p.windows) for e, p in zip(experiment.records, parts, strict=True)]
-    )
     # Initial states of all windows at the parameters of the whole record: a start, nothing more.
-    start = _fit(parts, whole, guesses, sd, free=())
+    if length == experiment.window and len(whole.x0) == count:
+        start = whole.x0
+    else:
+        guesses = [e.guess(p.windows) for e, p in zip(experiment.records, parts, strict=True)]
+        start = _fit(parts, whole, np.concatenate(guesses), sd, free=()).x0
     for fold in folds_of(count):
         rest = np.setdiff1d(np.arange(count), fold)
-        fitted = _fit(_pick(parts, rest), whole, start.x0[rest], sd, free=whole.free)
-        seen = _fit(_pick(parts, fold), fitted, start.x0[fold], sd, free=())
+        fitted = _fit(_pick(parts, rest), whole, start[rest], sd, free=whole.free)
+        seen = _fit(_pick(parts, fold), fitted, start[fold], sd, free=())
         for window, residual in zip(fold, seen.at.residuals, strict=False):
             # A window's own initial state takes a part of the noise up, in the larger model more.
             # (A sensor's filter has no start of its own.)
