@@ -171,12 +171,12 @@ class _Playing(_Feed[_Played]):
     """The same motion, played for every twin."""
 
     def __init__(self, folder: Path) -> None:
-        self._frames = bus.frames(bus.motion(_MOTION, seed=1))
         super().__init__()
+        self._frames = bus.frames(bus.motion(_MOTION, seed=1))
         self._folder = folder
         self.path = _prepare(folder)
 
-    def source(self, settings: Settings, twin: TwinSettings) -> Source:  # noqa: ARG002
+    def source(self, settings: Settings, twin: TwinSettings) -> Source:  # noqa: ARG002 -- a bus has some
         played = _Played(self._frames, self._folder / "recordings" / twin.name)
         self._sources.append(played)
         return played
@@ -351,9 +351,9 @@ def _run(service: Service, feed: _Feed[Any], name: str) -> Iterator[Figure]:
     yield Figure("    gates open after that", is_open[1], len(monitors), "", at_least=True)
 
 
-def _serve(feed: _Feed[Any], path: Path, name: str) -> Iterator[Figure]:
+def _serve(feed: _Feed[Any], name: str) -> Iterator[Figure]:
     with Service(
-        path,
+        feed.path,
         lambda settings, start, executor: Pipeline(settings, start, executor=executor),
         feed.source,
         # What a study finds is not the question here.
@@ -365,7 +365,6 @@ def _serve(feed: _Feed[Any], path: Path, name: str) -> Iterator[Figure]:
 
 def run() -> Iterator[Figure]:
     with TemporaryDirectory() as name:
-        playing = _Playing(Path(name))
-        yield from _serve(playing, playing.path, "")
+        yield from _serve(_Playing(Path(name)), "")
     with TemporaryDirectory() as name, _Adapters(Path(name)) as adapters:
-        yield from _serve(adapters, adapters.path, ", received from 50 adapters")
+        yield from _serve(adapters, ", received from 50 adapters")

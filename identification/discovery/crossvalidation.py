@@ -102,7 +102,7 @@ def crossvalidate(
             over; None: ask the paired test only.
         evidence: What the extension gains on the whole record [nats]. Unseen windows cannot say
             more: on a robot that lacks nothing, one of ten that was not fitted spoke for a lag by
-            6798 nats, where the record knew of 7.
+            6798 nats, where the record knew of 13.
         tried: How many candidates were tried, for the correction (Bonferroni).
         patient: Ask over the windows of the fit as well, where short ones say no.
     """
