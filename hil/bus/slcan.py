@@ -140,7 +140,8 @@ class SlcanBus(can.BusABC):
         if not block:
             # A terminal that has hung up is for ever ready to be read, and has nothing.
             raise can.CanOperationError("the terminal is gone")
-        stamp = time.time()
+        # Recordings keep whole microseconds, and frames that lie one apart must not become one.
+        stamp = round(time.time(), 6)
         if _REFUSED in block:
             self.malformed += block.count(_REFUSED)
             block = block.replace(_REFUSED, b"")

@@ -1,4 +1,8 @@
-"""A twin's buses: received in a thread, recorded first, opened again when they fail."""
+"""A twin's buses: received in a thread, recorded first, opened again when they fail.
+
+Where frames were stamped when they were read, the times at which they were sent are recorded, and a
+replay sees what the service saw.
+"""
 
 from __future__ import annotations
 
@@ -12,9 +16,11 @@ import numpy as np
 from foundation.closing import Closing
 from foundation.errors import BusError
 from hil.bus.interface import BusSettings, open_bus
+from hil.bus.slcan import SlcanBus
 from recordings.readers.can_frames import FrameList, Frames
 from twin.ingest.receiver import Receiver, Reception
 from twin.ingest.recorder import FrameRecorder
+from twin.ingest.stamps import ArrivalStamps
 from twin.settings import Settings, TwinSettings
 
 # Between two attempts to open a bus that is gone [s].
@@ -31,6 +37,7 @@ class _Line:
         self.received = self.dropped = 0
         self._bus: can.BusABC | None = None
         self._receiver: Receiver | None = None
+        self._stamps: ArrivalStamps | None = None
         self._tried = -np.inf
 
     def mend(self) -> None:
@@ -50,14 +57,18 @@ class _Line:
             return
         self._receiver = Receiver(self._bus, self.number, room=self.room, reception=self._reception)
         self._receiver.start()
+        # Other drivers stamp frames themselves.
+        self._stamps = ArrivalStamps() if isinstance(self._bus, SlcanBus) else None
         self.fault = ""
 
     def drain(self) -> Frames | None:
-        """Return what waits."""
+        """Return what waits, with the times at which it was sent."""
         if self._receiver is None:
             return None
         found = self._receiver.drain()
-        return found if len(found) else None
+        if not len(found):
+            return None
+        return found if self._stamps is None else self._stamps.frames(found)
 
     def counts(self) -> tuple[int, int]:
         """Return how many frames were received and dropped."""
