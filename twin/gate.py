@@ -20,7 +20,7 @@ from twin.store.documents import Evidence
 
 Array: TypeAlias = npt.NDArray[np.float64]
 
-# A frame's time stamp may be this much ahead of the clock that asks [s].
+# A time stamp may be this much ahead of the clock that asks [s].
 _AHEAD = 1.0
 # Directions in which the verified distribution has no width, relative to its widest.
 _FLAT = 1e-12
@@ -105,6 +105,11 @@ class Decision:
     evidence: str | None = None
 
 
+def is_ahead(time: float, now: float) -> bool:
+    """Return whether a time lies in the future: a clock was set back since."""
+    return time - now > _AHEAD
+
+
 def decide(question: Question, situation: Situation, limits: Limits) -> Decision:
     """Return whether a controller may be deployed.
 
@@ -182,7 +187,7 @@ def _too_old(name: str, time: float | None, now: float, limit: float) -> str:
     if time is None or not (math.isfinite(time) and math.isfinite(now)):
         return f"{name} has no known age"
     age = now - time
-    if age < -_AHEAD:
+    if is_ahead(time, now):
         return f"{name} is from the future, by {-age:.3g} s: a clock was set"
     if not age <= limit:
         return f"{name} is {age:.3g} s old, {limit:g} s at most"

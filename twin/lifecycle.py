@@ -23,7 +23,7 @@ class Life:
         diagnosed: Whether that drift has been diagnosed.
         stale: Whether telemetry is stale.
         followed_since: Since when telemetry is followed [s]; None: it is not.
-        attempt: Time of the data of the last verification [s].
+        attempt: Time of the last verification [s]; None: none since the last drift.
         refused: Whether that one failed.
     """
 
@@ -64,7 +64,9 @@ def _drifted(life: Life, event: Event) -> Life:
     name = event.detail.get("parameter")
     because = f"{name} drifted" if name else "the plant drifted"
     record = replace(life.record, state=UNVERIFIED, since=event.time, because=because)
-    return replace(life, record=record, drift=event.time, diagnosed=False, refused=False)
+    return replace(
+        life, record=record, drift=event.time, diagnosed=False, refused=False, attempt=None
+    )
 
 
 def _diagnosed(life: Life, event: Event) -> Life:
@@ -74,14 +76,30 @@ def _diagnosed(life: Life, event: Event) -> Life:
     return replace(life, diagnosed=True, record=record if not life.is_verified else life.record)
 
 
-def verified(life: Life, time: float) -> Life:
-    """Return a twin's life after a verification that passed, of parameters as of a time."""
+def verified(life: Life, time: float, newest: float | None) -> Life:
+    """Return a twin's life after a verification that passed.
+
+    Args:
+        life: Before it.
+        time: Of it [s].
+        newest: Of the newest good frame [s]. After a drift its tests rest until something is
+            verified, so that nobody has looked at the plant as it was verified until then.
+    """
     record = replace(life.record, state=VERIFIED, since=time, because="")
-    return replace(life, record=record, drift=None, diagnosed=False, refused=False, attempt=time)
+    watched = life.drift is None or life.followed_since is None
+    return replace(
+        life,
+        record=record,
+        drift=None,
+        diagnosed=False,
+        refused=False,
+        attempt=time,
+        followed_since=life.followed_since if watched else newest,
+    )
 
 
 def refused(life: Life, time: float, because: str) -> Life:
-    """Return a twin's life after a verification that failed, of parameters as of a time."""
+    """Return a twin's life after a verification that failed."""
     record = replace(life.record, state=UNVERIFIED, since=time, because=because)
     return replace(life, record=record, refused=True, attempt=time)
 
@@ -119,10 +137,12 @@ def due(life: Life, pace: Pace, now: float, verified_at: float | None, uncovered
         verified_at: Of the evidence in force [s].
         uncovered: Why what was verified does not cover the present question; empty if it does.
     """
-    recent = life.attempt is not None and now - life.attempt < pace.pause
+    # What lies ahead was before a clock was set back, however long ago that is.
+    recent = life.attempt is not None and 0 <= now - life.attempt < pace.pause
     if life.drift is not None and (life.attempt is None or life.attempt < life.drift):
         waited = now - life.drift
-        if waited < pace.settle or (waited < pace.diagnosis and not life.diagnosed):
+        wanted = pace.settle if life.diagnosed else max(pace.settle, pace.diagnosis)
+        if 0 <= waited < wanted:
             return ""
         return life.record.because
     if recent:

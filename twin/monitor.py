@@ -14,7 +14,7 @@ from twin.candidates import estimated, excerpt, identified, known_values
 from twin.estimate import Estimate
 from twin.events import JSON, Event, EventKind
 from twin.follower import Follower
-from twin.gate import Decision, Limits, Question, Situation, decide
+from twin.gate import Decision, Limits, Question, Situation, decide, is_ahead
 from twin.improvement import Improvement, with_model
 from twin.journal import Journal
 from twin.lifecycle import Life, Pace, after, due, refused, rolled_back, verified
@@ -72,6 +72,8 @@ class Monitor:
         self._roots = roots
         self.lock = threading.RLock()
         self._busy = False
+        # Whether the plant has drifted since the parameters that are being verified.
+        self._outdated = False
         self._asked = ""
         self._decision: Decision | None = None
         self._decided_on: Estimate | None = None
@@ -222,7 +224,9 @@ class Monitor:
             self._life = replace(before, followed_since=newest)
         for event in events:
             self._life = after(self._life, event)
+            self._outdated |= event.kind is EventKind.DRIFT
             self._note_effect(event)
+        self._doubt_a_clock()
         # Between two blocks of samples ages alone change, and `tick` looks at those.
         estimate = self.pipeline.estimate
         known = self._decision is not None and estimate is self._decided_on
@@ -235,6 +239,14 @@ class Monitor:
         if events or changed:
             self._write(events, *([save_twin(self._life.record)] if changed else []))
         return events
+
+    def _doubt_a_clock(self) -> None:
+        """Put the plant in doubt if it was verified in the future: how old that is is not known."""
+        evidence = None if self._in_force is None else self._in_force[1]
+        if evidence is None or not self._life.is_verified:
+            return
+        if is_ahead(evidence.time, self._clock()):
+            self._unverify("a clock was set back to before the verification")
 
     def _note_effect(self, event: Event) -> None:
         if event.kind is EventKind.DRIFT:
@@ -334,7 +346,7 @@ class Monitor:
             candidate = self._candidate() if why else None
             if candidate is None:
                 return None
-            self._busy, self._asked = True, ""
+            self._busy, self._asked, self._outdated = True, "", False
             job = Job(
                 candidate,
                 self.settings.plant.model,
@@ -369,7 +381,9 @@ class Monitor:
         # With an effect the parameters are fitted to the data, wherever the estimate may be.
         fits = self._effect is not None
         # Until then the estimate is still what it started from.
-        begun, until = max(since, self._life.drift or since), newest if fits else estimate.time
+        until, drift = newest if fits else estimate.time, self._life.drift
+        # A drift ahead was before a clock was set back; telemetry is followed since then.
+        begun = since if drift is None or is_ahead(drift, self._clock()) else max(since, drift)
         if until - begun < self.settings.verification.settle:
             return None
         # On its way still it would be verified where the plant is not, and drift be flagged anew.
@@ -437,12 +451,11 @@ class Monitor:
                 save_evidence(evidence),
                 *lineage(job, evidence, recorded),
             ]
-            drifted = self._life.drift is not None and set_.time < self._life.drift
             if not evidence.passed:
                 runs, passed = evidence.detail.get("runs"), evidence.detail.get("passed")
                 because = f"the controller passed only {passed} of {runs} runs of its study"
                 self._life = refused(self._life, self._clock(), because)
-            elif drifted:
+            elif self._outdated:
                 # What was verified is no longer the plant.
                 self._life = replace(self._life, attempt=None)
             elif self.settings.verification.approval == "automatic":
@@ -486,12 +499,13 @@ class Monitor:
                     remedy="choose a candidate that has",
                 )
             set_, evidence = ParameterSet.of(row), self.journal.store.evidence(str(found))
-            if self._life.drift is not None and set_.time < self._life.drift:
-                raise InputError(
-                    "the plant has drifted since",
-                    where=f"parameter set {parameters[:12]}",
-                    remedy="wait for the next verification",
-                )
+            life, remedy = self._life, "wait for the next verification"
+            where = f"parameter set {parameters[:12]}"
+            if life.drift is not None and (life.attempt is None or set_.time < life.drift):
+                raise InputError("the plant has drifted since", where=where, remedy=remedy)
+            if is_ahead(evidence.time, self._clock()):
+                because = "a clock was set back to before the verification"
+                raise InputError(because, where=where, remedy=remedy)
             return self._promote(set_, evidence, token, [], [])
 
     def roll_back(self, token: str) -> list[Event]:
@@ -509,6 +523,7 @@ class Monitor:
                 raise InputError(
                     "no earlier parameters were in force", where=self.name, remedy="verify anew"
                 )
+            self._outdated = True
             self._life = rolled_back(self._life, self._clock(), f"rolled back by {token}")
             event = Event(
                 self._clock(), self.name, EventKind.ROLLED_BACK, {"parameters": to, "token": token}
@@ -540,7 +555,7 @@ class Monitor:
             promote(set_.id, evidence.id, now),
             save_artifact(approval, "approval", token, now, [evidence.id]),
         ]
-        life = verified(self._life, now)
+        life = verified(self._life, now, self.pipeline.newest)
         # In the store first: what is not there after a kill was never in force.
         if self._write(events, *actions, save_twin(life.record)):
             self._life, self._in_force = life, (set_, evidence)
