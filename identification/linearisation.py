@@ -21,7 +21,11 @@ Booleans = NDArray[np.bool_]
 
 # Beyond this a window is on its way out, and squares of it overflow.
 _LARGEST = 1e100
-_PROJECTED = 1e-9  # share of a parameter's information that must survive projection
+# Share of a parameter's information that must be left once initial states have had theirs: above
+# what rounding and the ridge leave of nothing. On an unstable machine's window a constant torque
+# looks like another initial tilt but for a ten-thousandth of its response, and that is well seen.
+_PROJECTED = 1e-11
+_RIDGE = 1e-12
 
 
 @dataclass(frozen=True)
@@ -222,7 +226,7 @@ def eliminate(gram: Matrix, score: Vector, nx: int, damping: float) -> tuple[Mat
     """Return (Wθ, w₀): for a parameter step Δθ the best initial state moves by w₀ - Wθ·Δθ."""
     diagonal = np.diag(gram)[:nx]
     # The small ridge only matters for a state that this window cannot see.
-    states = gram[:nx, :nx] + np.diag((1e-12 + damping) * diagonal + 1e-300)
+    states = gram[:nx, :nx] + np.diag((_RIDGE + damping) * diagonal + 1e-300)
     solved = np.linalg.solve(states, np.column_stack([gram[:nx, nx:], score[:nx]]))
     return solved[:, :-1].astype(np.float64), solved[:, -1].astype(np.float64)
 

@@ -10,10 +10,11 @@ from functools import partial
 import numpy as np
 from scipy import stats
 
-from foundation.errors import DivergenceError, TwinproofError
+from foundation.errors import DivergenceError, TwinproofError, UnsupportedModelError
 from foundation.progress import Progress, counted, silent
 from identification.discovery.extension import Addition, ExtendedModel, extend
 from identification.discovery.scan import Scored
+from identification.discovery.starts import starts
 from identification.discovery.transfer import transfer_all_states, transfer_problems
 from identification.experiment import Experiment
 from identification.gauss_newton import ITERATIONS, Fit
@@ -23,9 +24,7 @@ _WORKERS = 2
 _ROUNDING = 1e-9
 CHANCE_GAIN = 3.0
 """What a useless candidate gains by chance, at most [nats]."""
-# A parameter that cannot start at its neutral value (a bound, or a flat cost) starts from these
-# shares of its nominal value instead, the best of them after a few steps going on.
-_STARTS = (0.1, 0.5, 1.0, 3.0, 10.0, 30.0)
+# Of several starts, the best after so many steps goes on.
 _FIRST_STEPS = 4
 # A shape that ended at its bound was not found in the record: such a candidate has stretched into
 # another one (a Stribeck curve as wide as the whole speed range is dry friction), and stands back
@@ -155,23 +154,19 @@ def refit(model: ExtendedModel, experiment: Experiment, base: Fit, scored: Score
     }
     problems = transfer_problems(experiment, bigger, begin.values, model, added=predicted)
     larger = Experiment.together(problems).lasting(experiment.window)
-    starts = [predicted]
-    nominal = {
-        bigger.parameter_of(addition, v.name): bigger.dae.number(v.nominal, 1.0)
-        for v in addition.effect.parameters
-        if v.name in addition.effect.main_parameters
-    }
-    if all(value == 0.0 for value in predicted.values()):
-        starts = [{k: share * v for k, v in nominal.items()} for share in _STARTS]
     x0 = transfer_all_states(larger, bigger, experiment, model, begin.x0)
-    start = starts[0]
-    if len(starts) > 1:
-        tried = [_fit_from(larger, x0, s, iterations=_FIRST_STEPS) for s in starts]
-        start = starts[int(np.argmax([float(np.sum(log_gain(base, f)[0])) for f in tried]))]
+    tried = starts(larger, bigger, addition, predicted, x0, begin.sd)
+    if not tried:
+        raise UnsupportedModelError(f"{addition.label} would do nothing anywhere in this record")
+    start = tried[0]
+    if len(tried) > 1:
+        first = [_fit_from(larger, x0, s, iterations=_FIRST_STEPS) for s in tried]
+        start = tried[int(np.argmax([float(np.sum(log_gain(base, f)[0])) for f in first]))]
     best = _fit_from(larger, x0, start)
     if float(np.sum(log_gain(base, best)[0])) < 0:
         # The predicted step overshot (an absent effect would have done better): come from nearer.
-        best = _fit_from(larger, x0, {k: 0.1 * v for k, v in start.items()})
+        nearer = {k: 0.1 * v if k in predicted else v for k, v in start.items()}
+        best = _fit_from(larger, x0, nearer)
     if not best.converged:
         # Far from where the smaller model was, long windows of an unstable machine lead nowhere.
         best = max(

@@ -23,11 +23,11 @@ from identification.discovery.extension import Addition, ExtendedModel, addition
 from identification.discovery.transfer import flat_name, transfer_all_states, transfer_problems
 from identification.experiment import Experiment, simulator_of
 from identification.gauss_newton import Fit
-from identification.linearisation import Linearised, linearise_all
+from identification.linearisation import Linearised, linearise_all, seen
 from identification.problem import Problem, Vector
 
-# Share of a candidate's raw information that must be left once parameters and initial states have
-# had theirs; below it the candidate is a copy of what the model already has.
+# Share of a candidate's information, beside free initial states, that must be left once parameters
+# have had theirs; below it the candidate is a copy of what the model already has.
 _DISTINCT = 1e-7
 _STATES_AT_ONCE = 4
 _WORKERS = 2
@@ -150,7 +150,7 @@ def score_group(
         name=f"{model.base.short_name}_all",
     )
     mains = [(a, [whole.parameter_of(a, p) for p in a.effect.main_parameters]) for a in group]
-    base_names = {flat_name(whole, model, name): name for name in fit.free if name not in fit.held}
+    base_names = [flat_name(whole, model, name) for name in fit.free if name not in fit.held]
     sensitive = [*base_names, *(name for _, names in mains for name in names)]
     problems = transfer_problems(experiment, whole, fit.values, model)
     whole_problem = problems[0]
@@ -159,9 +159,9 @@ def score_group(
     attached = replace(attached, also=tuple(attached.beside(p) for p in problems[1:]))
     x0 = transfer_all_states(attached, whole, experiment, model, fit.x0)
     at = linearise_all(attached.parts(), x0, whole_problem.values, fit.sd)
+    base = range(len(base_names))
     return [
-        _score(whole_problem, at, len(base_names), sensitive, addition, names)
-        for addition, names in mains
+        score_at(whole_problem, at, base, sensitive, addition, names) for addition, names in mains
     ]
 
 
@@ -193,15 +193,27 @@ def _testable(
     return testable, skipped
 
 
-def _score(
+def score_at(
     problem: Problem,
     at: Linearised,
-    n_base: int,
+    base: Sequence[int],
     sensitive: Sequence[str],
     addition: Addition,
     names: Sequence[str],
 ) -> Scored:
-    base = np.arange(n_base)
+    """Score a candidate that is attached, absent.
+
+    Args:
+        problem: Of the model to which it is attached.
+        at: That model, linearised.
+        base: Indices of the parameters that follow.
+        sensitive: Names of all parameters in `at`.
+        addition: The candidate.
+        names: Its main parameters' names in the model.
+
+    Raises:
+        UnsupportedModelError: The model cannot be simulated there.
+    """
     mine = np.array([sensitive.index(name) for name in names])
     gradient = _gradient(at)
     if not np.isfinite(at.cost):
@@ -210,10 +222,10 @@ def _score(
     cross = at.normal[np.ix_(mine, base)]
     information = at.normal[np.ix_(mine, mine)] - cross @ inverse @ cross.T
     score = gradient[mine] - cross @ inverse @ gradient[base]
-    raw = at.raw[mine]
-    if np.all(raw <= 0):
+    if np.all(at.raw[mine] <= 0):
         return Scored(addition, 0.0, dict.fromkeys(names, 0.0), blind=True)
-    if np.any(raw <= 0) or np.any(np.diag(information) < _DISTINCT * raw):
+    beside_states = np.diag(at.normal)[mine]
+    if not np.all(seen(at)[mine]) or np.any(np.diag(information) < _DISTINCT * beside_states):
         return Scored(addition, 0.0, dict.fromkeys(names, 0.0))
     step = np.linalg.lstsq(information, score, rcond=1e-12)[0]
     low = np.array([problem.dae.number(problem.dae.variables[n].minimum, -np.inf) for n in names])
