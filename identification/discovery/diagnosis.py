@@ -10,7 +10,12 @@ import numpy as np
 
 from foundation.errors import DivergenceError, TwinproofError, UnsupportedModelError
 from foundation.progress import Progress, silent
-from identification.discovery.crossvalidation import Verdict, crossvalidate_candidate, is_white
+from identification.discovery.crossvalidation import (
+    MOST_REMOVED,
+    Verdict,
+    crossvalidate_candidate,
+    is_white,
+)
 from identification.discovery.effects import unit_at
 from identification.discovery.empirical import Proposal, propose
 from identification.discovery.evidence import CHANCE_GAIN, Refit, refit_all
@@ -36,8 +41,6 @@ _AT_FLOOR = 1.1
 # A sensor's fault that leaves more than a tenth of the error above the noise is not all.
 _ALL_BUT = 0.9
 _NUMERICAL = 1e-5
-# An effect that removes more than this share of what a model missed is not asked again.
-_MOST_REMOVED = 0.5
 # A disturbance of this share of the input may be called noise of the machine; beside one of that
 # share no effect is named.
 _SMALL_DISTURBANCE = 0.02
@@ -159,7 +162,7 @@ def _is_doubtful(found: Diagnosis, experiment: Experiment) -> bool:
     chosen = found.chosen
     if chosen is None or is_white(chosen.independent, experiment):
         return False
-    return found.checks[chosen.addition.label].removed < _MOST_REMOVED
+    return found.checks[chosen.addition.label].removed < MOST_REMOVED
 
 
 def _with_disturbance(

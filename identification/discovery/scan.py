@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fmus.places import Place, places
 from fmus.sources import ModelicaSource
@@ -159,7 +160,7 @@ def score_group(
     attached = replace(attached, also=tuple(attached.beside(p) for p in problems[1:]))
     x0 = transfer_all_states(attached, whole, experiment, model, fit.x0)
     at = linearise_all(attached.parts(), x0, whole_problem.values, fit.sd)
-    base = range(len(base_names))
+    base = np.arange(len(base_names))
     return [
         score_at(whole_problem, at, base, sensitive, addition, names) for addition, names in mains
     ]
@@ -196,7 +197,7 @@ def _testable(
 def score_at(
     problem: Problem,
     at: Linearised,
-    base: Sequence[int],
+    base: NDArray[np.intp],
     sensitive: Sequence[str],
     addition: Addition,
     names: Sequence[str],
@@ -206,7 +207,7 @@ def score_at(
     Args:
         problem: Of the model to which it is attached.
         at: That model, linearised.
-        base: Indices of the parameters that follow.
+        base: (nb,) indices of the parameters that follow.
         sensitive: Names of all parameters in `at`.
         addition: The candidate.
         names: Its main parameters' names in the model.

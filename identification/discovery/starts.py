@@ -70,7 +70,7 @@ def _from_shapes(
     """
     shapes = [model.parameter_of(addition, p) for p in addition.effect.shape_parameters]
     sensitive = larger.shooting.sensitive
-    base = [k for k, name in enumerate(sensitive) if name not in (*predicted, *shapes)]
+    base = np.flatnonzero([name not in (*predicted, *shapes) for name in sensitive])
     absent = {**larger.problem.values, **dict.fromkeys(predicted, 0.0)}
     found: list[tuple[float, dict[str, float]]] = []
     for share in np.linspace(0.0, 1.0, _SHAPES):
