@@ -65,6 +65,8 @@ def test_nothing_is_added_where_nothing_is_missing(name):
         ("wheeled pendulum: CubicSpring@body small", 301_180, "CubicSpring@body"),
         # Its height and width go together, and each may be nothing for its own standard deviation.
         ("wheeled pendulum: StribeckFriction@wheel small", 301_020, "StribeckFriction@wheel"),
+        # A quarter of what is slow, and below the noise, passes for an imbalance.
+        ("balancing robot: nothing, disturbance 3", 305_003, ""),
         # What is slow passes for a cogging of the load.
         ("two-mass drive: nothing, disturbance 3", 205_003, ""),
         # A lag gains by a state that starts anew in every window.
