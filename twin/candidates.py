@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +12,14 @@ from foundation.errors import InputError
 from twin.estimate import Estimate
 from twin.excerpt import Excerpt
 from twin.follower import Follower
+from twin.gate import is_ahead
+from twin.improvement import Improvement
+from twin.lifecycle import Life
 from twin.settings import TwinSettings
 from twin.store.documents import ParameterSet
+
+MODELS = "models"
+"""Folder beside the settings, for models that effects were added to."""
 
 
 def identified(settings: TwinSettings, model: str, now: float) -> ParameterSet:
@@ -65,6 +72,66 @@ def known_values(estimate: Estimate, reference: ParameterSet) -> dict[str, float
     """
     known = {*estimate.names, *reference.values}
     return {n: float(v) for n, v in estimate.values.items() if n in known}
+
+
+def arrived(
+    settings: TwinSettings,
+    model: str,
+    life: Life,
+    pipeline: Follower,
+    reference: ParameterSet,
+    now: float,
+) -> ParameterSet | None:
+    """Return the parameters of the plant as it is now; None: that is not known yet.
+
+    Args:
+        settings: Of the twin.
+        model: Hash of its FMU.
+        life: Of the twin.
+        pipeline: With its estimate.
+        reference: What the plant is compared with.
+        now: [s].
+    """
+    estimate, newest, since = pipeline.estimate, pipeline.newest, life.followed_since
+    if estimate is None or newest is None or since is None:
+        return None
+    # With an effect the parameters are fitted to the data, wherever the estimate may be.
+    fits = life.effect is not None
+    # Until then the estimate is still what it started from.
+    until = newest if fits else estimate.time
+    # A drift ahead was before a clock was set back; telemetry is followed since then.
+    begun = since if life.drift is None or is_ahead(life.drift, now) else max(since, life.drift)
+    if until - begun < settings.verification.settle:
+        return None
+    # On its way still it would be verified where the plant is not, and drift be flagged anew.
+    if not fits and not estimate.rests:
+        return None
+    found = estimated(settings, model, estimate, reference)
+    return None if found is None else replace(found, time=until)
+
+
+def improvement(
+    settings: TwinSettings,
+    roots: tuple[Path, ...],
+    life: Life,
+    pipeline: Follower,
+    candidate: ParameterSet,
+) -> Improvement | None:
+    """Return what must be added to the model before it is verified, if an effect was found.
+
+    Args:
+        settings: Of the twin.
+        roots: Folders of further Modelica libraries.
+        life: Of the twin.
+        pipeline: With the data.
+        candidate: To start from.
+    """
+    if life.effect is None:
+        return None
+    folder = settings.file(MODELS).resolve()
+    # What was recorded before the effect appeared would make it smaller than it is.
+    data = excerpt(settings, roots, pipeline, candidate, life.drift)
+    return Improvement(data, *life.effect, folder)
 
 
 def excerpt(

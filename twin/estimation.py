@@ -49,7 +49,7 @@ class OnlineFit(Resumable, ABC):
     Attributes:
         names: As given.
         excitation: Of the recent data.
-        updates: How often the values were renewed.
+        updates: How often the values have become others.
     """
 
     _changes = (
@@ -77,6 +77,7 @@ class OnlineFit(Resumable, ABC):
 
     def start(self, values: Mapping[str, float], covariance: Array) -> None:
         """Begin anew from values and their covariance."""
+        self.updates += 1
         self._theta = np.array([values[n] for n in self.names])
         self.scale = np.where(self._theta != 0, np.abs(self._theta), 1.0)
         relative = covariance / np.outer(self.scale, self.scale)

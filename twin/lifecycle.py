@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 from twin.events import Event, EventKind
@@ -25,6 +25,7 @@ class Life:
         followed_since: Since when telemetry is followed [s]; None: it is not.
         attempt: Time of the last verification [s]; None: none since the last drift.
         refused: Whether that one failed.
+        effect: Word for the effect that the diagnosis found, and its parameters.
     """
 
     record: TwinRecord
@@ -34,6 +35,7 @@ class Life:
     followed_since: float | None = None
     attempt: float | None = None
     refused: bool = False
+    effect: tuple[str, Mapping[str, float]] | None = None
 
     @property
     def is_verified(self) -> bool:
@@ -64,16 +66,21 @@ def _drifted(life: Life, event: Event) -> Life:
     name = event.detail.get("parameter")
     because = f"{name} drifted" if name else "the plant drifted"
     record = replace(life.record, state=UNVERIFIED, since=event.time, because=because)
-    return replace(
-        life, record=record, drift=event.time, diagnosed=False, refused=False, attempt=None
-    )
+    return Life(record, event.time, stale=life.stale, followed_since=life.followed_since)
 
 
 def _diagnosed(life: Life, event: Event) -> Life:
     verdict, name = event.detail.get("verdict"), event.detail.get("name")
     said = f"{verdict}: {name}" if name else f"{verdict}"
     record = replace(life.record, because=f"{life.record.because.split(' (')[0]} ({said})")
-    return replace(life, diagnosed=True, record=record if not life.is_verified else life.record)
+    effect = life.effect
+    if verdict == "effect":
+        values = event.detail.get("parameters")
+        known = values if isinstance(values, dict) else {}
+        numbers = {n: float(v) for n, v in known.items() if isinstance(v, int | float)}
+        effect = str(name), numbers
+    record = life.record if life.is_verified else record
+    return replace(life, diagnosed=True, record=record, effect=effect)
 
 
 def verified(life: Life, time: float, newest: float | None) -> Life:

@@ -10,32 +10,20 @@ from typing import Any
 
 from foundation.errors import InputError, TwinproofError
 from recordings.readers.can_frames import Frames
-from twin.candidates import estimated, excerpt, identified, known_values
-from twin.estimate import Estimate
+from twin.candidates import arrived, identified, improvement, known_values
 from twin.events import JSON, Event, EventKind
 from twin.follower import Follower
-from twin.gate import Decision, Limits, Question, Situation, decide, is_ahead
-from twin.improvement import Improvement, with_model
+from twin.gate import Decision, Situation, decide, is_ahead
+from twin.gate_watch import GateWatch, limits, question
+from twin.improvement import with_model
 from twin.journal import Journal
 from twin.lifecycle import Life, Pace, after, due, refused, rolled_back, verified
 from twin.lineage import Recorded, lineage
+from twin.promotion import AUTOMATIC, approvable, promotion, verification_event
 from twin.settings import TwinSettings
-from twin.store.actions import (
-    Action,
-    promote,
-    roll_back,
-    save_artifact,
-    save_evidence,
-    save_set,
-    save_twin,
-)
+from twin.store.actions import Action, roll_back, save_evidence, save_set, save_twin
 from twin.store.documents import Evidence, ParameterSet
-from twin.verification import Job, controller_hash, file_hash, fit_of, study_hash
-
-MODELS = "models"
-"""Folder beside the settings, for models that effects were added to."""
-AUTOMATIC = "service"
-"""In place of a token's name: nobody was asked."""
+from twin.verification import Job, file_hash, fit_of
 
 
 class Monitor:
@@ -75,11 +63,8 @@ class Monitor:
         # Whether the plant has drifted since the parameters that are being verified.
         self._outdated = False
         self._asked = ""
-        self._decision: Decision | None = None
-        self._decided_on: Estimate | None = None
-        self._deployed: Question | None = None
+        self._gate = GateWatch()
         self._make_pipeline = pipeline
-        self._effect: tuple[str, Mapping[str, float]] | None = None
         store = journal.store
         self._in_force = store.verified(settings.name)
         self._life = Life(store.twin(settings.name))
@@ -91,26 +76,17 @@ class Monitor:
             self._unverify(self._life.record.because or "the model was changed")
         if self._in_force is None:
             self._unverify(self._life.record.because or "nothing is verified")
-        start = (
-            self._in_force[0]
-            if self._in_force is not None
-            else identified(self.settings, self._model, clock())
-        )
-        self.pipeline = pipeline(self.settings, start)
-        self._start = start
+        if self._in_force is None:
+            self._start = identified(self.settings, self._model, clock())
+        else:
+            self._start = self._in_force[0]
+        self.pipeline = pipeline(self.settings, self._start)
         if resumed is not None:
             self._resume(resumed)
-        self._write(
-            [
-                Event(
-                    clock(),
-                    self.name,
-                    EventKind.STARTED,
-                    {"model": self.settings.plant.model, "parameters": dict(start.values)},
-                )
-            ],
-            save_twin(self._life.record),
-        )
+        values = dict[str, JSON](self._start.values)
+        detail: dict[str, JSON] = {"model": self.settings.plant.model, "parameters": values}
+        started = Event(clock(), self.name, EventKind.STARTED, detail)
+        self._write([started], save_twin(self._life.record))
 
     def _resume_model(self) -> None:
         """Follow the model that was in force, if an effect had been added to it."""
@@ -132,8 +108,7 @@ class Monitor:
                 "model": self._model,
                 "in_force": self._verified_id,
                 "life": self._life,
-                "effect": self._effect,
-                "decision": self._decision,
+                "decision": self._gate.decision,
                 "pipeline": self.pipeline.snapshot(),
             }
 
@@ -142,9 +117,9 @@ class Monitor:
             return  # the store has gone on: another model is followed
         self.pipeline.resume(found["pipeline"])
         record, life = self._life.record, found["life"]
-        self._decision = found["decision"]
+        self._gate.decision = found["decision"]
         if found["in_force"] == self._verified_id:
-            self._life, self._effect = replace(life, record=record), found["effect"]
+            self._life = replace(life, record=record)
         else:
             # It was promoted, or rolled back, when this had been written down.
             self._life = Life(record, stale=life.stale, followed_since=life.followed_since)
@@ -225,16 +200,12 @@ class Monitor:
         for event in events:
             self._life = after(self._life, event)
             self._outdated |= event.kind is EventKind.DRIFT
-            self._note_effect(event)
         self._doubt_a_clock()
         # Between two blocks of samples ages alone change, and `tick` looks at those.
         estimate = self.pipeline.estimate
-        known = self._decision is not None and estimate is self._decided_on
-        if aged or events or self._life is not before or not known:
+        if aged or events or self._life is not before or not self._gate.is_of(estimate):
             # Files are read again when something has happened, once a second, and for who asks.
-            afresh = aged or bool(events)
-            events = [*events, *self._gate_moved(afresh=afresh)]
-            self._decided_on = estimate
+            events = [*events, *self._gate_moved(afresh=aged or bool(events))]
         changed = self._life.record != before.record
         if events or changed:
             self._write(events, *([save_twin(self._life.record)] if changed else []))
@@ -248,15 +219,6 @@ class Monitor:
         if is_ahead(evidence.time, self._clock()):
             self._unverify("a clock was set back to before the verification")
 
-    def _note_effect(self, event: Event) -> None:
-        if event.kind is EventKind.DRIFT:
-            self._effect = None
-        if event.kind is EventKind.DIAGNOSIS and event.detail.get("verdict") == "effect":
-            values = event.detail.get("parameters")
-            known = values if isinstance(values, dict) else {}
-            numbers = {n: float(v) for n, v in known.items() if isinstance(v, int | float)}
-            self._effect = str(event.detail["name"]), numbers
-
     # The gate
 
     def decide(self, controller: str | None = None) -> Decision:
@@ -267,27 +229,10 @@ class Monitor:
         """
         with self.lock:
             try:
-                asked = self._question(controller)
+                asked = question(self.settings, self._model, controller)
             except InputError as error:
                 return Decision(False, str(error))
-            return decide(asked, self._situation(), self._limits)
-
-    def _question(self, controller: str | None) -> Question:
-        v = self.settings.verification
-        if not v.study or not v.controller:
-            raise InputError(
-                "the twin has no study or no controller to verify",
-                where=f"{self.settings.path}, twin.verification",
-                remedy="name both",
-            )
-        deployed = controller or controller_hash(self.settings.file(v.controller))
-        study = study_hash(self.settings.file(v.study), v.draws, v.widening)
-        return Question(deployed, self._model, study)
-
-    @property
-    def _limits(self) -> Limits:
-        v = self.settings.verification
-        return Limits(v.max_age, self.settings.stale, v.hold, v.settle)
+            return decide(asked, self._situation(), limits(self.settings))
 
     def _situation(self) -> Situation:
         estimate = self.pipeline.estimate
@@ -306,22 +251,8 @@ class Monitor:
 
     def _gate_moved(self, *, afresh: bool = True) -> list[Event]:
         """Return the gate's event if its answer has become another; `afresh`: read all files."""
-        if afresh:
-            try:
-                self._deployed = self._question(None)
-            except InputError:
-                self._deployed = None
-        asked = self._deployed
-        decision = (
-            self.decide() if asked is None else decide(asked, self._situation(), self._limits)
-        )
-        before, self._decision = self._decision, decision
-        if before is not None and before.allowed == decision.allowed:
-            return []
-        detail: dict[str, JSON] = {"allowed": decision.allowed, "because": decision.because}
-        if decision.evidence is not None:
-            detail["evidence"] = decision.evidence
-        return [Event(self._clock(), self.name, EventKind.GATE, detail)]
+        known, estimate = self._situation(), self.pipeline.estimate
+        return self._gate.look(self.settings, self._model, known, estimate, afresh=afresh)
 
     # Verification
 
@@ -355,52 +286,27 @@ class Monitor:
                 v.draws,
                 v.widening,
                 self._roots,
-                self._improvement(candidate),
+                improvement(self.settings, self._roots, self._life, self.pipeline, candidate),
             )
             return job, why
 
     def _due(self) -> str:
-        v = self.settings.verification
-        pace = Pace(v.settle, v.settle + 3 * self.settings.drift.diagnose, v.settle, v.max_age)
-        if self.settings.drift.diagnose == 0:
-            pace = replace(pace, diagnosis=0.0)
+        v, span = self.settings.verification, self.settings.drift.diagnose
+        pace = Pace(v.settle, v.settle + 3 * span if span else 0.0, v.settle, v.max_age)
         at = None if self._in_force is None else self._in_force[1].time
-        decision = decide(self._question(None), self._situation(), self._limits)
+        asked = question(self.settings, self._model)
+        decision = decide(asked, self._situation(), limits(self.settings))
         # A decision about evidence; one about silence or age of telemetry names none.
         left = decision.because if decision.evidence is not None and not decision.allowed else ""
         return due(self._life, pace, self._clock(), at, left)
 
     def _candidate(self) -> ParameterSet | None:
         """Return the parameters as the data say they are now; None: that is not known yet."""
-        estimate, since = self.pipeline.estimate, self._life.followed_since
-        if self._new and self._life.drift is None and self._life.attempt is None:
+        life = self._life
+        if self._new and life.drift is None and life.attempt is None:
             return self._start  # as `identify` found them
-        newest = self.pipeline.newest
-        if estimate is None or newest is None or since is None:
-            return None
-        # With an effect the parameters are fitted to the data, wherever the estimate may be.
-        fits = self._effect is not None
-        # Until then the estimate is still what it started from.
-        until, drift = newest if fits else estimate.time, self._life.drift
-        # A drift ahead was before a clock was set back; telemetry is followed since then.
-        begun = since if drift is None or is_ahead(drift, self._clock()) else max(since, drift)
-        if until - begun < self.settings.verification.settle:
-            return None
-        # On its way still it would be verified where the plant is not, and drift be flagged anew.
-        if not fits and not estimate.rests:
-            return None
-        found = estimated(self.settings, self._model, estimate, self.reference)
-        return None if found is None else replace(found, time=until)
-
-    def _improvement(self, candidate: ParameterSet) -> Improvement | None:
-        """Return what must be added to the model first, if an effect was found."""
-        if self._effect is None:
-            return None
-        folder = self.settings.file(MODELS).resolve()
-        # What was recorded before the effect appeared would make it smaller than it is.
-        since = self._life.drift
-        data = excerpt(self.settings, self._roots, self.pipeline, candidate, since)
-        return Improvement(data, *self._effect, folder)
+        now, reference = self._clock(), self.reference
+        return arrived(self.settings, self._model, life, self.pipeline, reference, now)
 
     def _follow(self, parameters: ParameterSet) -> None:
         """Follow the plant on the model that these parameters are of, if it is another."""
@@ -409,12 +315,11 @@ class Monitor:
             return
         self.settings = with_model(self.settings, model, fit_of(parameters), self._roots)
         self._model = parameters.model
-        self._effect = None
         newest = self.pipeline.newest
         self.pipeline = self._make_pipeline(self.settings, parameters)
         # The new filter knows nothing yet of the plant's state.
         record = replace(self._life.record, model=model)
-        self._life = replace(self._life, record=record, followed_since=newest)
+        self._life = replace(self._life, record=record, followed_since=newest, effect=None)
 
     def conclude(
         self, job: Job, evidence: Evidence, recorded: Iterable[Recorded] = ()
@@ -429,23 +334,7 @@ class Monitor:
         with self.lock:
             self._busy = False
             set_ = job.parameters
-            events = [
-                Event(
-                    evidence.time,
-                    self.name,
-                    EventKind.VERIFICATION,
-                    {
-                        "passed": evidence.passed,
-                        "runs": evidence.detail.get("runs"),
-                        "runs_passed": evidence.detail.get("passed"),
-                        "seconds": evidence.detail.get("seconds"),
-                        "evidence": evidence.id,
-                        "effect": set_.origin.get("effect"),
-                        "parameters": set_.id,
-                        "controller": evidence.controller,
-                    },
-                )
-            ]
+            events = [verification_event(set_, evidence)]
             actions = [
                 save_set(set_),
                 save_evidence(evidence),
@@ -474,12 +363,9 @@ class Monitor:
         with self.lock:
             self._busy = False
             self._life = refused(self._life, self._clock(), f"verification failed: {because}")
-            event = Event(
-                self._clock(),
-                self.name,
-                EventKind.VERIFICATION,
-                {"passed": False, "because": because, "parameters": job.parameters.id},
-            )
+            detail: dict[str, JSON] = {"passed": False, "because": because}
+            detail["parameters"] = job.parameters.id
+            event = Event(self._clock(), self.name, EventKind.VERIFICATION, detail)
             return self._settle([event], [])
 
     def approve(self, parameters: str, token: str) -> list[Event]:
@@ -490,22 +376,8 @@ class Monitor:
             UnknownNameError: There is no such set or evidence.
         """
         with self.lock:
-            rows = self.journal.store.parameter_sets(self.name)
-            row = next((r for r in rows if r["id"] == parameters), None)
-            found = None if row is None or row["evidence"] is None else row["evidence"]
-            if row is None or found is None or row["state"] == "refused":
-                raise InputError(
-                    f"parameter set {parameters[:12]} has not passed a verification",
-                    remedy="choose a candidate that has",
-                )
-            set_, evidence = ParameterSet.of(row), self.journal.store.evidence(str(found))
-            life, remedy = self._life, "wait for the next verification"
-            where = f"parameter set {parameters[:12]}"
-            if life.drift is not None and (life.attempt is None or set_.time < life.drift):
-                raise InputError("the plant has drifted since", where=where, remedy=remedy)
-            if is_ahead(evidence.time, self._clock()):
-                because = "a clock was set back to before the verification"
-                raise InputError(because, where=where, remedy=remedy)
+            store, now = self.journal.store, self._clock()
+            set_, evidence = approvable(store, self.name, parameters, self._life, now)
             return self._promote(set_, evidence, token, [], [])
 
     def roll_back(self, token: str) -> list[Event]:
@@ -546,15 +418,8 @@ class Monitor:
     ) -> list[Event]:
         self._follow(set_)
         now = self._clock()
-        approval = f"approval:{evidence.id}"
-        detail: dict[str, JSON] = {"token": token, "evidence": evidence.id, "parameters": set_.id}
-        events = [*events, Event(now, self.name, EventKind.APPROVAL, detail)]
-        events.append(Event(now, self.name, EventKind.PROMOTED, dict(detail)))
-        actions = [
-            *actions,
-            promote(set_.id, evidence.id, now),
-            save_artifact(approval, "approval", token, now, [evidence.id]),
-        ]
+        told, done = promotion(set_, evidence, token, now)
+        events, actions = [*events, *told], [*actions, *done]
         life = verified(self._life, now, self.pipeline.newest)
         # In the store first: what is not there after a kill was never in force.
         if self._write(events, *actions, save_twin(life.record)):

@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -182,12 +182,7 @@ class Pipeline(Resumable):
         self._blocks = self._restarts = 0
         self._diverged_at: float | None = None
         self._noise = dict.fromkeys(model.outputs, 0.0)
-        self._known: Estimate | None = None
-
-    def resume(self, found: dict[str, Any]) -> None:
-        """Know what another one of the same twin knew."""
-        super().resume(found)
-        self._known = None
+        self._known: tuple[object, Estimate] | None = None
 
     # What is known
 
@@ -195,11 +190,14 @@ class Pipeline(Resumable):
     def estimate(self) -> Estimate | None:
         """The parameters as the data say, as of the last update; None before the first block.
 
-        The same object until the next block.
+        The same object until something of it has changed.
         """
-        if self._known is None and self._updated is not None:
-            self._known = self._estimated(self._updated)
-        return self._known
+        if self._updated is None:
+            return None
+        of = self._blocks, self._fit.updates, len(self._trail), self._believed.values
+        if self._known is None or self._known[0] != of:
+            self._known = of, self._estimated(self._updated)
+        return self._known[1]
 
     def _estimated(self, updated: float) -> Estimate:
         fit = self._fit
@@ -302,7 +300,6 @@ class Pipeline(Resumable):
         shares_filter(self._fit, self._following)
         self._following.restart()
         self._trail.clear()
-        self._known = None
 
     def close(self) -> None:
         """Let go of the FMU; nothing is fed after that."""
@@ -311,7 +308,6 @@ class Pipeline(Resumable):
 
     def verify(self, parameters: Parameters) -> None:
         """Compare with these parameters from the next block on; a drift is over."""
-        self._known = None
         values = {**self._believed.values, **parameters.values}
         given = np.array(parameters.covariance, float)
         covariance = with_free_covariance(self.plant.free, parameters.names, given)
@@ -372,7 +368,6 @@ class Pipeline(Resumable):
         except DivergenceError as error:
             return self._diverged(time, str(error))
         events = self._sound(time)
-        self._known = None
         self._time = time
         self._begun = time if self._begun is None else self._begun
         self._blocks += 1
@@ -403,7 +398,6 @@ class Pipeline(Resumable):
         return events + self._excitation(time) + self._report(time)
 
     def _diverged(self, time: float, because: str) -> list[Event]:
-        self._known = None
         self._restart()
         values = {n: self._believed.values[n] for n in self._fit.names}
         covariance = self._fit.covariance
