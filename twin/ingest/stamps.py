@@ -35,14 +35,16 @@ _PROMPT = 200_000
 """A process that nothing holds up has a frame within this [ns]."""
 _NEAR, _WIDEST = 0.05, 0.2
 """Of a period: so much is in time for any sender, and no more for one that is quick."""
-_IN_TIME = 0.2
+_IN_TIME = 0.15
 """Share of frames in time from which a line is taken for a clock."""
 _BEYOND, _CLEAR = 4, 2
 """So many times that wide is the stretch in which frames must be so many times fewer than those in
 time: a line below a sender that jitters, or has no period, is not as clear."""
+_CLEARER = 1.5
+"""So many times more are in time if frames were lost, or none is taken for lost."""
 _MISSING = 3
 """Ticks that can be on their way when later ones come; with more the sender has paused."""
-_HELD = 16
+_HELD = 64
 """Windows for which a clock is believed that they do not show."""
 _SAME, _SLOW = 0.002, 0.25
 """Relative change of a period up to which it is the same, and the share of it that is believed."""
@@ -208,12 +210,14 @@ class _Sender:
         """Look at the clock anew."""
         times, ticks, before = self._times, self._ticks, self._clock
         self._times, self._ticks = [], []
-        # By the ticks they were taken for, and by themselves: the period may be another.
+        # As if none were lost, or by the ticks that they were taken for if that is much clearer.
         last = ticks[-1]
-        found, share = _envelope(range(last + 1 - len(ticks), last + 1), times)
-        if share < 1.0 and all(b > a for a, b in pairwise(ticks)):
+        consecutive = list(range(last + 1 - len(ticks), last + 1))
+        found, share = _envelope(consecutive, times)
+        if ticks != consecutive and all(b > a for a, b in pairwise(ticks)):
             other, better = _envelope(ticks, times)
-            found, share = (other, better) if better > share else (found, share)
+            if better > _CLEARER * share:
+                found, share = other, better
         if share >= _IN_TIME:
             self._held = 0
             if before is not None and abs(found.period / before.period - 1) < _SAME:
@@ -222,6 +226,10 @@ class _Sender:
             self._clock = found
         elif before is not None:
             self._held += 1
+            # Where few frames are in time they do not tell the period, but where it begins.
+            shift = min(t - before.at(k) for k, t in zip(ticks, times, strict=True))
+            if abs(shift) < 2 * before.near * before.period:
+                self._clock = _Clock(before.origin + shift, before.period)
             if self._held == _HELD:
                 self._clock = None
 
