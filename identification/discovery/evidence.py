@@ -148,14 +148,11 @@ def refit(model: ExtendedModel, experiment: Experiment, base: Fit, scored: Score
     """
     addition, begin = scored.addition, scored.start or base
     bigger = extend(model.base, [*model.additions, addition], values=model.values)
-    predicted = {
-        bigger.parameter_of(addition, p): value
-        for p, value in zip(addition.effect.main_parameters, scored.values.values(), strict=True)
-    }
-    problems = transfer_problems(experiment, bigger, begin.values, model, added=predicted)
+    mains = {bigger.parameter_of(addition, p) for p in addition.effect.main_parameters}
+    problems = transfer_problems(experiment, bigger, begin.values, model)
     larger = Experiment.together(problems).lasting(experiment.window)
     x0 = transfer_all_states(larger, bigger, experiment, model, begin.x0)
-    tried = starts(larger, bigger, addition, predicted, x0, begin.sd)
+    tried = starts(larger, bigger, scored, x0)
     if not tried:
         raise UnsupportedModelError(f"{addition.label} would do nothing anywhere in this record")
     start = tried[0]
@@ -165,7 +162,7 @@ def refit(model: ExtendedModel, experiment: Experiment, base: Fit, scored: Score
     best = _fit_from(larger, x0, start)
     if float(np.sum(log_gain(base, best)[0])) < 0:
         # The predicted step overshot (an absent effect would have done better): come from nearer.
-        nearer = {k: 0.1 * v if k in predicted else v for k, v in start.items()}
+        nearer = {k: 0.1 * v if k in mains else v for k, v in start.items()}
         best = _fit_from(larger, x0, nearer)
     if not best.converged:
         # Far from where the smaller model was, long windows of an unstable machine lead nowhere.

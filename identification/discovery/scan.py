@@ -32,6 +32,11 @@ from identification.problem import Problem, Vector
 _DISTINCT = 1e-7
 _STATES_AT_ONCE = 4
 _WORKERS = 2
+# A shape has no slope while its effect is absent: so many over its range are scored, and so many of
+# the best tried. The one that promises most may keep nothing of it: where windows begin to run
+# away, a model that does not fit yet goes where the machine never was, and touches bumpers there.
+_SHAPES = 9
+_BEST_SHAPES = 3
 
 
 @dataclass(frozen=True)
@@ -41,7 +46,9 @@ class Scored:
     Attributes:
         addition: Effect and place.
         gain: Predicted fall of the cost Σ(residual/sd)².
-        values: Predicted main parameters.
+        values: Predicted main parameters, by the names that they have where it was scored.
+        shaped: For an effect with shapes, the best few of its main and shape parameters, the most
+            promising first, by the effect's own names; empty if it gains with none.
         blind: It is not noticed until it is large, such as a limit: its slope at nothing is zero,
             and the score test cannot say anything.
         start: Where it was scored and is to be refitted from; None for the model's fit.
@@ -50,6 +57,7 @@ class Scored:
     addition: Addition
     gain: float
     values: Mapping[str, float]
+    shaped: tuple[Mapping[str, float], ...] = ()
     blind: bool = False
     start: Fit | None = None
 
@@ -129,7 +137,10 @@ def groups(testable: Sequence[Addition]) -> list[list[Addition]]:
     """
     # Signals that outputs delay are further outputs: these candidates are apart, too.
     late = [a for a in testable if a.effect.delays and a.place.kind == "output"]
-    found = [[a for a in testable if not a.effect.states and a not in late], late]
+    # Those with shapes are scored several times.
+    plain = [a for a in testable if not a.effect.states and a not in late]
+    shaped = [a for a in plain if a.effect.shape_parameters]
+    found = [[a for a in plain if a not in shaped], shaped, late]
     states = _STATES_AT_ONCE
     for addition in (a for a in testable if a.effect.states and a not in late):
         states += addition.effect.states
@@ -159,11 +170,48 @@ def score_group(
     attached = Experiment(whole_problem, simulator, window=experiment.window)
     attached = replace(attached, also=tuple(attached.beside(p) for p in problems[1:]))
     x0 = transfer_all_states(attached, whole, experiment, model, fit.x0)
-    at = linearise_all(attached.parts(), x0, whole_problem.values, fit.sd)
     base = np.arange(len(base_names))
+    found: dict[str, list[tuple[Scored, Mapping[str, float]]]] = {a.label: [] for a in group}
+    for shapes in _shapes(whole, group):
+        at = linearise_all(attached.parts(), x0, {**whole_problem.values, **shapes}, fit.sd)
+        for a, names in mains:
+            scored = score_at(whole_problem, at, base, sensitive, a, names)
+            own = {p: shapes.get(whole.parameter_of(a, p)) for p in a.effect.shape_parameters}
+            found[a.label].append((scored, {p: v for p, v in own.items() if v is not None}))
+    return [_best(every) for every in found.values()]
+
+
+def _shapes(model: ExtendedModel, group: Sequence[Addition]) -> list[dict[str, float]]:
+    """Return values of the group's shape parameters, over their ranges by ratio, all at once."""
+    ranges: dict[str, tuple[float, float]] = {}
+    for name in (model.parameter_of(a, p) for a in group for p in a.effect.shape_parameters):
+        variable = model.dae.variables[name]
+        low = model.dae.number(variable.minimum, np.nan)
+        high = model.dae.number(variable.maximum, np.nan)
+        ranges[name] = low, high
+    within = {name: both for name, both in ranges.items() if 0 < both[0] < both[1]}
+    if not ranges:
+        return [{}]
+    # What has no range keeps its default.
     return [
-        score_at(whole_problem, at, base, sensitive, addition, names) for addition, names in mains
+        {name: float(low * (high / low) ** share) for name, (low, high) in within.items()}
+        for share in np.linspace(0, 1, _SHAPES if within else 1)
     ]
+
+
+def _best(every: Sequence[tuple[Scored, Mapping[str, float]]]) -> Scored:
+    """Return a candidate's best score, with the starts that its shapes give."""
+    ordered = sorted(every, key=lambda one: -one[0].gain)
+    best = ordered[0][0]
+    mains, shapes = best.addition.effect.main_parameters, best.addition.effect.shape_parameters
+    if not shapes:
+        return best
+    starts = tuple(
+        {**dict(zip(mains, scored.values.values(), strict=True)), **shape}
+        for scored, shape in ordered[:_BEST_SHAPES]
+        if scored.gain > 0
+    )
+    return replace(best, shaped=starts, blind=all(scored.blind for scored, _ in every))
 
 
 def _testable(
