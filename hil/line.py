@@ -184,4 +184,5 @@ def _has_file(bus: can.BusABC) -> bool:
     try:
         return bus.fileno() >= 0
     except (NotImplementedError, AttributeError, OSError):
+        # How drivers say that there is nothing to wait for is left to them.
         return False

@@ -22,7 +22,7 @@ _NOISES = (0.5, 2.0)
 _RICH = ("rich", "lively")
 _NULLS_A_PLANT = {"noise": 18, "disturbance": 9, "poor excitation": 9, "known bias": 7}
 # Cases with seeds from 0, 100 000, 200 000, 300 000 and 400 000 on were looked at while the search
-# was developed; none of these was before the search was as it is.
+# was developed; of these none before the run in the documentation.
 _SEEDS = 500_000
 _TWOS_A_PLANT = 5
 _UNKNOWN_SIZE = 0.2

@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fmus.places import Place, places
 from fmus.sources import ModelicaSource
@@ -170,12 +169,11 @@ def score_group(
     attached = Experiment(whole_problem, simulator, window=experiment.window)
     attached = replace(attached, also=tuple(attached.beside(p) for p in problems[1:]))
     x0 = transfer_all_states(attached, whole, experiment, model, fit.x0)
-    base = np.arange(len(base_names))
     found: dict[str, list[tuple[Scored, Mapping[str, float]]]] = {a.label: [] for a in group}
     for shapes in _shapes(whole, group):
         at = linearise_all(attached.parts(), x0, {**whole_problem.values, **shapes}, fit.sd)
         for a, names in mains:
-            scored = score_at(whole_problem, at, base, sensitive, a, names)
+            scored = _score(whole_problem, at, len(base_names), sensitive, a, names)
             own = {p: shapes.get(whole.parameter_of(a, p)) for p in a.effect.shape_parameters}
             found[a.label].append((scored, {p: v for p, v in own.items() if v is not None}))
     return [_best(every) for every in found.values()]
@@ -188,14 +186,12 @@ def _shapes(model: ExtendedModel, group: Sequence[Addition]) -> list[dict[str, f
         variable = model.dae.variables[name]
         low = model.dae.number(variable.minimum, np.nan)
         high = model.dae.number(variable.maximum, np.nan)
-        ranges[name] = low, high
-    within = {name: both for name, both in ranges.items() if 0 < both[0] < both[1]}
-    if not ranges:
-        return [{}]
-    # What has no range keeps its default.
+        # What has no range keeps its default.
+        if 0 < low < high:
+            ranges[name] = low, high
     return [
-        {name: float(low * (high / low) ** share) for name, (low, high) in within.items()}
-        for share in np.linspace(0, 1, _SHAPES if within else 1)
+        {name: float(low * (high / low) ** share) for name, (low, high) in ranges.items()}
+        for share in np.linspace(0, 1, _SHAPES if ranges else 1)
     ]
 
 
@@ -242,27 +238,15 @@ def _testable(
     return testable, skipped
 
 
-def score_at(
+def _score(
     problem: Problem,
     at: Linearised,
-    base: NDArray[np.intp],
+    n_base: int,
     sensitive: Sequence[str],
     addition: Addition,
     names: Sequence[str],
 ) -> Scored:
-    """Score a candidate that is attached, absent.
-
-    Args:
-        problem: Of the model to which it is attached.
-        at: That model, linearised.
-        base: (nb,) indices of the parameters that follow.
-        sensitive: Names of all parameters in `at`.
-        addition: The candidate.
-        names: Its main parameters' names in the model.
-
-    Raises:
-        UnsupportedModelError: The model cannot be simulated there.
-    """
+    base = np.arange(n_base)
     mine = np.array([sensitive.index(name) for name in names])
     gradient = _gradient(at)
     if not np.isfinite(at.cost):

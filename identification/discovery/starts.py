@@ -16,6 +16,9 @@ from identification.experiment import Experiment
 from identification.linearisation import simulate
 from identification.problem import Matrix
 
+# What acts however small it is, but cannot begin at nothing (the score test points beyond a bound),
+# is tried from these shares of its nominal value.
+_SHARES = (0.1, 0.5, 1.0, 3.0, 10.0, 30.0)
 # A limit is looked for between these shares of its nominal value...
 _SMALLEST, _LARGEST = 1e-3, 1e3
 _HALVINGS = 10
@@ -53,7 +56,7 @@ def starts(
 def _from_onset(
     larger: Experiment, model: ExtendedModel, mains: list[str], x0: Matrix
 ) -> list[dict[str, float]]:
-    """Return values just beyond those at which the candidate begins to act."""
+    """Return values just beyond those at which the candidate begins to act, if it does begin."""
     dae = model.dae
     nominal = {name: dae.number(dae.variables[name].nominal, 1.0) for name in mains}
 
@@ -68,6 +71,8 @@ def _from_onset(
     low, high = _SMALLEST, _LARGEST
     if not acts(high):
         return []
+    if acts(low):
+        return [at(share) for share in _SHARES]
     for _ in range(_HALVINGS):
         middle = float(np.sqrt(low * high))
         low, high = (low, middle) if acts(middle) else (middle, high)

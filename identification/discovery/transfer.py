@@ -71,14 +71,9 @@ def transfer_problems(
     model: ExtendedModel,
     values: Mapping[str, float],
     previous: ExtendedModel,
-    *,
-    added: Mapping[str, float] | None = None,
 ) -> list[Problem]:
     """Return all records of an experiment for another extension (see `transfer_problem`)."""
-    return [
-        transfer_problem(problem, model, values, previous, added=added)
-        for problem in experiment.problems
-    ]
+    return [transfer_problem(problem, model, values, previous) for problem in experiment.problems]
 
 
 def transfer_all_states(

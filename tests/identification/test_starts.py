@@ -10,6 +10,8 @@ from foundation.errors import UnsupportedModelError
 from identification.discovery.evidence import refit
 from identification.discovery.extension import extend, parse_addition
 from identification.discovery.scan import Scored, scan
+from identification.discovery.starts import starts
+from identification.discovery.transfer import transfer_all_states, transfer_problems
 from identification.experiment import Experiment
 
 PENDULUM = truth.library("Pendulum")
@@ -69,10 +71,22 @@ def test_what_cannot_act_in_a_record_is_said_so():
     assert np.max(np.abs(states[:, 0])) < 4e-3
     clean = truth.problem(POSITIONER, volts, states[:, 0], STEP, names=("q",))
     experiment = Experiment.of(truth.noisy(clean, [1e-6], 1))
-    addition = parse_addition("EndStop@carriage", POSITIONER)
-    nothing = Scored(addition, 0.0, {"k_e": 0.0}, blind=True)
     with pytest.raises(UnsupportedModelError, match="EndStop@carriage would do nothing"):
-        refit(extend(POSITIONER, []), experiment, experiment.fit_stages()[-1], nothing)
+        found_by("EndStop@carriage", experiment, experiment.fit_stages()[-1], POSITIONER)
+
+
+def test_what_always_acts_but_promises_nothing_is_tried_in_many_sizes():
+    """A lag has no size at which it begins; the score test may point to a negative one."""
+    experiment, fit, _ = swung(0.4)
+    lag = parse_addition("FirstOrderLag@tau", PENDULUM)
+    model, plain = extend(PENDULUM, [lag]), extend(PENDULUM, [])
+    problems = transfer_problems(experiment, model, fit.values, plain)
+    larger = Experiment.together(problems).lasting(experiment.window)
+    x0 = transfer_all_states(larger, model, experiment, plain, fit.x0)
+    found = starts(larger, model, Scored(lag, 0.0, {"T": 0.0}), x0)
+    sizes = [value for start in found for value in start.values()]
+    assert min(sizes) < 0.02 < max(sizes)
+    assert max(sizes) / min(sizes) > 100
 
 
 TOPPLING = """

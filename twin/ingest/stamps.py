@@ -11,7 +11,7 @@ sender's clock, as minimum-delay filters do for packets of NTP (the line below a
 nearest to them is an edge of their lower convex hull: Zhang, Liu, Xia, "Clock synchronization
 algorithms for network measurements", INFOCOM 2002). Late frames are given that line's time; frames
 that are in time keep their own, so that on an idle machine nothing changes. `recordings.clock` does
-it for a whole recording at once.
+it for a whole recording at once, and finds no beat where a third of the frames or more is late.
 """
 
 from __future__ import annotations
