@@ -5,6 +5,10 @@ like a Stribeck curve as wide as the speed range, which explains a little more t
 is taken first; what is left then fits neither. And what one step does not tell apart, the next ones
 may. Where a law with fewer parameters explained nearly as much, or where a tie led nowhere, the
 climb is therefore tried again from there, and the model at the top decides.
+
+Two effects may hide each other: where a fit has grown its own viscous friction for dry friction and
+drag, neither predicts unseen windows better alone. Where no step is let in and something is left,
+two are tried as one.
 """
 
 from __future__ import annotations
@@ -16,7 +20,11 @@ from itertools import islice
 import numpy as np
 
 from foundation.progress import Progress, silent
-from identification.discovery.crossvalidation import Verdict, crossvalidate_candidate
+from identification.discovery.crossvalidation import (
+    Verdict,
+    crossvalidate,
+    crossvalidate_candidate,
+)
 from identification.discovery.diagnosis import TIE, Diagnosis, Outcome, diagnose
 from identification.discovery.empirical import propose
 from identification.discovery.evidence import Refit, independent_of_all, log_gain, price
@@ -32,6 +40,10 @@ _NEARLY = 0.5
 _MOST = 0.2
 # It is looked for where predictions are further off than this many times what noise would leave.
 _AT_FLOOR = 1.1
+# Two effects that are let in together, neither of which is let in alone, are to leave no doubt.
+_FIRSTS = 3
+_NEARLY_ALL = 0.9
+_NO_DOUBT = 1e-8
 
 
 @dataclass(frozen=True)
@@ -74,7 +86,8 @@ def climb(
     rungs = _straight(
         [Rung(model, experiment, fit, None, (), None, diagnosis)], max_effects, progress
     )
-    return _with_curve(_with_detours(rungs, max_effects, progress), max_effects, progress)
+    rungs = _by_two(_with_detours(rungs, max_effects, progress), max_effects, progress)
+    return _with_curve(rungs, max_effects, progress)
 
 
 def _with_detours(rungs: list[Rung], max_effects: int, progress: Progress) -> list[Rung]:
@@ -86,6 +99,61 @@ def _with_detours(rungs: list[Rung], max_effects: int, progress: Progress) -> li
                 taken = _as_taken(other, len(below) - 1, rival)
                 return _straight(taken, max_effects, progress)
     return rungs
+
+
+def _by_two(rungs: list[Rung], max_effects: int, progress: Progress) -> list[Rung]:
+    """Go on by two effects at once, where no single one is let in."""
+    top = rungs[-1]
+    found = top.diagnosis
+    if found.outcome is not Outcome.UNKNOWN_SHAPE or len(top.model.additions) + 2 > max_effects:
+        return rungs
+    promising = [r for r in found.refits if r.merit > 0]
+    for first in promising[:_FIRSTS]:
+        other = _pair(rungs, first, progress)
+        if other is None:
+            continue
+        size, place = len(first.addition.values), first.addition.place
+        for simpler in found.refits:
+            if simpler.addition.place == place and len(simpler.addition.values) < size:
+                slimmer = _pair(rungs, simpler, progress)
+                if slimmer is not None and _is_better(slimmer[-1], other[-1]):
+                    other = slimmer
+        return _straight(other, max_effects, progress)
+    return rungs
+
+
+def _pair(rungs: list[Rung], first: Refit, progress: Progress) -> list[Rung] | None:
+    """Return the rungs with a candidate and what it lets in, if both together leave no doubt."""
+    below, label = rungs[-1], first.addition.label
+    found = below.diagnosis
+    progress(f"trying {label} with a second effect")
+    middle = _up(below, first, None, progress)
+    second = middle.diagnosis.chosen
+    if second is None:
+        return None
+    verdict = crossvalidate(
+        below.experiment,
+        below.fit,
+        second.experiment,
+        second.fit,
+        below.experiment.noise(),
+        independent=second.independent,
+        tried=len(found.refits) * len(middle.diagnosis.refits),
+    )
+    if verdict.chance > _NO_DOUBT or verdict.removed < _NEARLY_ALL:
+        return None
+    top = _up(middle, second, middle.diagnosis.checks[second.addition.label], progress)
+    if first.addition.label not in {a.label for a in top.model.additions}:
+        return None
+    verdict = replace(verdict, reason=f"with {second.addition.label}, {verdict.reason}")
+    named = replace(
+        found,
+        outcome=Outcome.EFFECT,
+        chosen=first,
+        checks={**found.checks, label: verdict},
+        proposal=None,
+    )
+    return [*rungs[:-1], replace(below, diagnosis=named), replace(middle, verdict=verdict), top]
 
 
 def _with_curve(rungs: list[Rung], max_effects: int, progress: Progress) -> list[Rung]:
@@ -134,7 +202,8 @@ def _straight(rungs: Sequence[Rung], max_effects: int, progress: Progress) -> li
     """Go on with what each diagnosis chooses."""
     up = list(rungs)
     while (chosen := up[-1].diagnosis.chosen) is not None and _has_room(up, max_effects):
-        up.append(_up(up[-1], chosen, progress))
+        verdict = up[-1].diagnosis.checks[chosen.addition.label]
+        up.append(_up(up[-1], chosen, verdict, progress))
     return up
 
 
@@ -143,10 +212,9 @@ def _has_room(rungs: Sequence[Rung], max_effects: int) -> bool:
     return len(rungs[-1].model.additions) < max_effects and len(rungs) <= 2 * max_effects
 
 
-def _up(below: Rung, chosen: Refit, progress: Progress) -> Rung:
+def _up(below: Rung, chosen: Refit, verdict: Verdict | None, progress: Progress) -> Rung:
     """Add a candidate, test the earlier ones again, and ask what is still missing."""
     progress(f"adding {chosen.addition.label}")
-    verdict = below.diagnosis.checks[chosen.addition.label]
     progress("testing again what was added before")
     noise = below.experiment.noise()
     slim = without_superfluous(chosen.model, chosen.experiment, chosen.fit, noise)
@@ -177,7 +245,8 @@ def _detour(
         if below is None:
             break
         other[-1] = below
-        other.append(_up(below, then, progress))
+        verdict = below.diagnosis.checks[then.addition.label]
+        other.append(_up(below, then, verdict, progress))
         then = other[-1].diagnosis.chosen
         if then is not None and then.addition.label == shunned:
             near = _NEARLY * then.evidence
