@@ -13,7 +13,7 @@ two are tried as one.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
 
@@ -25,7 +25,13 @@ from identification.discovery.crossvalidation import (
     crossvalidate,
     crossvalidate_candidate,
 )
-from identification.discovery.diagnosis import TIE, Diagnosis, Outcome, diagnose
+from identification.discovery.diagnosis import (
+    TIE,
+    Diagnosis,
+    Outcome,
+    by_output_error,
+    diagnose,
+)
 from identification.discovery.empirical import propose
 from identification.discovery.evidence import Refit, independent_of_all, log_gain, price
 from identification.discovery.extension import Addition, ExtendedModel
@@ -127,7 +133,8 @@ def _pair(rungs: list[Rung], first: Refit, progress: Progress) -> list[Rung] | N
     below, label = rungs[-1], first.addition.label
     found = below.diagnosis
     progress(f"trying {label} with a second effect")
-    middle = _up(below, first, None, progress)
+    # Whether the pair holds is asked below; here a disturbance or a curve need not be thought of.
+    middle = _up(below, first, None, progress, ask=by_output_error)
     second = middle.diagnosis.chosen
     if second is None:
         return None
@@ -212,7 +219,13 @@ def _has_room(rungs: Sequence[Rung], max_effects: int) -> bool:
     return len(rungs[-1].model.additions) < max_effects and len(rungs) <= 2 * max_effects
 
 
-def _up(below: Rung, chosen: Refit, verdict: Verdict | None, progress: Progress) -> Rung:
+def _up(
+    below: Rung,
+    chosen: Refit,
+    verdict: Verdict | None,
+    progress: Progress,
+    ask: Callable[..., Diagnosis] = diagnose,
+) -> Rung:
     """Add a candidate, test the earlier ones again, and ask what is still missing."""
     progress(f"adding {chosen.addition.label}")
     progress("testing again what was added before")
@@ -222,7 +235,7 @@ def _up(below: Rung, chosen: Refit, verdict: Verdict | None, progress: Progress)
     if experiment.window < WINDOW:
         # A better model may follow longer windows, which show more.
         experiment, fit = experiment.followed(fit.values)
-    diagnosis = diagnose(slim.model, experiment, fit, progress=progress)
+    diagnosis = ask(slim.model, experiment, fit, progress=progress)
     return Rung(slim.model, experiment, fit, chosen.addition, slim.removed, verdict, diagnosis)
 
 

@@ -132,7 +132,7 @@ def diagnose(
         fit: Its fit over the experiment's windows.
         progress: Told what is being done.
     """
-    found = _by_output_error(model, experiment, fit, progress)
+    found = by_output_error(model, experiment, fit, progress=progress)
     noise_known = not np.any(np.isnan(experiment.problem.noise_sd))
     # A disturbance that differs from record to record has not been looked for yet.
     can_ask = noise_known and not experiment.also
@@ -203,9 +203,10 @@ def _with_disturbance(
     )
 
 
-def _by_output_error(
-    model: ExtendedModel, experiment: Experiment, fit: Fit, progress: Progress
+def by_output_error(
+    model: ExtendedModel, experiment: Experiment, fit: Fit, *, progress: Progress = silent
 ) -> Diagnosis:
+    """As `diagnose`, without asking for disturbances or curves where nothing has a name."""
     scanned = scan(model, experiment, fit, progress=progress)
     shortlist = _shortlist(scanned.scored)
     noise = experiment.noise()
@@ -270,6 +271,9 @@ def _shortlist_where_declared(
     values = dict(experiment.problem.values)
     x0 = np.concatenate([record.guess(record.windows) for record in experiment.records])
     followed = experiment.fit(x0, values, free=())
+    if not np.isfinite(followed.at.cost):
+        # So far from the machine that windows run away there: nothing can be scored.
+        return []
     start = replace(fit, values=values, x0=followed.x0, sd=followed.sd, at=followed.at)
     scored = scan(model, experiment, start).scored[:_MORE]
     return [replace(s, start=start) for s in scored if s.gain > 0]
