@@ -130,7 +130,7 @@ class Expansion:
     slope: Tensor
     spread: Tensor
 
-    def part(self, samples: slice) -> tuple[float, Vector, Matrix]:
+    def part(self, samples: NDArray[np.intp]) -> tuple[float, Vector, Matrix]:
         """Return some samples' share of log-likelihood, score and information."""
         v, k = self.at.normalised[samples].ravel(), len(self.score)
         slope = self.slope[:, samples].reshape(k, -1)
@@ -203,7 +203,7 @@ def left_out(
     likelihood: Likelihood,
     values: Mapping[str, float],
     disturbances: Sequence[Disturbance],
-    blocks: Sequence[slice],
+    blocks: Sequence[NDArray[np.intp]],
 ) -> Vector:
     """Return (blocks,) the log-likelihood of each block at the maximum of all the others.
 
@@ -214,7 +214,7 @@ def left_out(
     Args:
         likelihood: What was estimated.
         values, disturbances: Its maximum.
-        blocks: Samples of each block.
+        blocks: Indices of each block's samples.
     """
     steps = {n: _DIFFERENCE * max(abs(values[n]), 1e-3) for n in likelihood.free}
     shape = any(d.sd > 0 for d in disturbances)

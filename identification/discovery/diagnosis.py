@@ -17,14 +17,20 @@ from identification.discovery.crossvalidation import (
     is_white,
 )
 from identification.discovery.effects import unit_at
-from identification.discovery.empirical import Proposal, propose
+from identification.discovery.empirical import Proposal, curves_at, proposal, propose
 from identification.discovery.evidence import CHANCE_GAIN, Refit, refit_all
 from identification.discovery.extension import ExtendedModel
-from identification.discovery.innovation_scan import Opinion, adopt, second_opinion
+from identification.discovery.innovation_scan import (
+    Opinion,
+    adopt,
+    curve_in_disturbance,
+    second_opinion,
+)
 from identification.discovery.next_experiment import propose as propose_experiment
 from identification.discovery.scan import Scored, scan
 from identification.experiment import Experiment
 from identification.gauss_newton import Fit
+from identification.likelihood import Maximum
 from identification.problem import Vector
 
 SHORTLIST = 8
@@ -148,7 +154,7 @@ def diagnose(
         # Where something was added, its law is likely to be only nearly the machine's.
         at = {a.place.name for a in model.additions if not a.effect.has_memory}
         curve = propose(model, experiment, fit, found.refits, at=at) if at else None
-        curve = curve or propose(model, experiment, fit, found.refits)
+        curve = curve or propose(model, experiment, fit, found.refits) or found.proposal
         found = replace(found, proposal=curve)
     return found
 
@@ -188,8 +194,10 @@ def _with_disturbance(
     # only named beside one that does not do most of the work.
     if opinion.best is None or share > _LARGE_DISTURBANCE:
         complete = opinion.white and share <= _SMALL_DISTURBANCE and opinion.best is None
-        outcome = Outcome.COMPLETE if complete else Outcome.UNKNOWN_SHAPE
-        return replace(found, outcome=outcome, opinion=replace(opinion, best=None))
+        found = replace(found, opinion=replace(opinion, best=None))
+        if not complete:
+            return replace(found, outcome=Outcome.UNKNOWN_SHAPE)
+        return _complete_or_curve(model, experiment, fit, found, opinion.base)
     refit, verdict = adopt(opinion.best, model, experiment, opinion.base, fit)
     label = refit.addition.label
     ranking = (_row(refit), *(row for row in found.ranking if row.label != label))
@@ -201,6 +209,23 @@ def _with_disturbance(
         checks={**found.checks, label: verdict},
         opinion=opinion,
     )
+
+
+def _complete_or_curve(
+    model: ExtendedModel, experiment: Experiment, fit: Fit, found: Diagnosis, base: Maximum
+) -> Diagnosis:
+    """Call complete what needs a small disturbance, unless that follows the motion."""
+    curves = curves_at(model, experiment, fit)
+    curve = curve_in_disturbance(model, experiment.problem, base, curves) if curves else None
+    if curve is None:
+        return replace(found, outcome=Outcome.COMPLETE)
+    found = replace(found, outcome=Outcome.UNKNOWN_SHAPE)
+    if not curve.accepted:
+        return found
+    refit, verdict = adopt(curve, model, experiment, base, fit)
+    before, after = (sum(d.sd**2 for d in m.disturbances) for m in (base, curve.maximum))
+    verdict = replace(verdict, removed=1.0 - after / before)
+    return replace(found, proposal=proposal(model, refit, verdict, found.refits))
 
 
 def by_output_error(

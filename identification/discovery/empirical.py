@@ -9,7 +9,7 @@ machine's, a curve at the same place takes up what the law's shape leaves over.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -82,17 +82,7 @@ def propose(
     Raises:
         UnsupportedModelError: The model cannot be simulated with sensitivities.
     """
-    if model.base.fmu is not None:
-        # As many runs through the FMU's process as a curve has bumps, at every step.
-        return None
-    have = {a.label for a in model.additions}
-    curves = [
-        addition_at(model.base, effect, place)
-        for place in places(model.base)
-        for effect in find_effects(model.base)
-        if effect.empirical and _is_asked(place, at) and effect.kind == kind_at(place.kind)
-    ]
-    curves = [_over_record(model, experiment, fit, a) for a in curves if a.label not in have]
+    curves = curves_at(model, experiment, fit, at)
     if not curves:
         return None
     scored = sorted(score_group(model, experiment, fit, curves), key=lambda s: -s.gain)
@@ -106,11 +96,43 @@ def propose(
                 continue
             verdict = crossvalidate_candidate(experiment, fit, found, tried=len(curves))
             if verdict.accepted:
-                place = found.addition.place.name
-                near = [r.addition.label for r in refits if r.addition.place.name == place]
-                over = variable_of(found.addition.effect, model.base).words
-                return Proposal(found, over, verdict, tuple(near[:3]))
+                return proposal(model, found, verdict, refits)
     return None
+
+
+def curves_at(
+    model: ExtendedModel, experiment: Experiment, fit: Fit, at: Collection[str] | None = None
+) -> list[Addition]:
+    """Return the curves that a model does not have yet, each over what the record moves through.
+
+    Args:
+        model, experiment, fit: The present model on the record.
+        at: As in `propose`.
+
+    Returns:
+        None of a foreign FMU.
+    """
+    if model.base.fmu is not None:
+        # As many runs through the FMU's process as a curve has bumps, at every step.
+        return []
+    have = {a.label for a in model.additions}
+    curves = [
+        addition_at(model.base, effect, place)
+        for place in places(model.base)
+        for effect in find_effects(model.base)
+        if effect.empirical and _is_asked(place, at) and effect.kind == kind_at(place.kind)
+    ]
+    return [_over_record(model, experiment, fit, a) for a in curves if a.label not in have]
+
+
+def proposal(
+    model: ExtendedModel, found: Refit, verdict: Verdict, refits: Sequence[Refit]
+) -> Proposal:
+    """Return a fitted curve with what is said of it."""
+    place = found.addition.place.name
+    near = [r.addition.label for r in refits if r.addition.place.name == place]
+    over = variable_of(found.addition.effect, model.base).words
+    return Proposal(found, over, verdict, tuple(near[:3]))
 
 
 def _as_found(model: ExtendedModel, fit: Fit) -> dict[str, Prior]:
