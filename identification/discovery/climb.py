@@ -7,8 +7,8 @@ may. Where a law with fewer parameters explained nearly as much, or where a tie 
 climb is therefore tried again from there, and the model at the top decides.
 
 Two effects may hide each other: where a fit has grown its own viscous friction for dry friction and
-drag, neither predicts unseen windows better alone. Where no step is let in and something is left,
-two are tried as one.
+drag, neither predicts unseen windows better alone. Where no first step is let in and something is
+left, two are tried as one.
 """
 
 from __future__ import annotations
@@ -108,30 +108,32 @@ def _with_detours(rungs: list[Rung], max_effects: int, progress: Progress) -> li
 
 
 def _by_two(rungs: list[Rung], max_effects: int, progress: Progress) -> list[Rung]:
-    """Go on by two effects at once, where no single one is let in."""
-    top = rungs[-1]
-    found = top.diagnosis
-    if found.outcome is not Outcome.UNKNOWN_SHAPE or len(top.model.additions) + 2 > max_effects:
+    """Begin with two effects at once, where no single one is let in.
+
+    Beside one that was added, what is left is mostly what its law's shape is off by.
+    """
+    below = rungs[-1]
+    found = below.diagnosis
+    if len(rungs) > 1 or found.outcome is not Outcome.UNKNOWN_SHAPE or max_effects < 2:
         return rungs
     promising = [r for r in found.refits if r.merit > 0]
     for first in promising[:_FIRSTS]:
-        other = _pair(rungs, first, progress)
+        other = _pair(below, first, progress)
         if other is None:
             continue
         size, place = len(first.addition.values), first.addition.place
         for simpler in found.refits:
             if simpler.addition.place == place and len(simpler.addition.values) < size:
-                slimmer = _pair(rungs, simpler, progress)
+                slimmer = _pair(below, simpler, progress)
                 if slimmer is not None and _is_better(slimmer[-1], other[-1]):
                     other = slimmer
         return _straight(other, max_effects, progress)
     return rungs
 
 
-def _pair(rungs: list[Rung], first: Refit, progress: Progress) -> list[Rung] | None:
-    """Return the rungs with a candidate and what it lets in, if both together leave no doubt."""
-    below, label = rungs[-1], first.addition.label
-    found = below.diagnosis
+def _pair(below: Rung, first: Refit, progress: Progress) -> list[Rung] | None:
+    """Return rungs with a candidate and what it lets in, if both together leave no doubt."""
+    found, label = below.diagnosis, first.addition.label
     progress(f"trying {label} with a second effect")
     # Whether the pair holds is asked below; here a disturbance or a curve need not be thought of.
     middle = _up(below, first, None, progress, ask=by_output_error)
@@ -150,7 +152,7 @@ def _pair(rungs: list[Rung], first: Refit, progress: Progress) -> list[Rung] | N
     if verdict.chance > _NO_DOUBT or verdict.removed < _NEARLY_ALL:
         return None
     top = _up(middle, second, middle.diagnosis.checks[second.addition.label], progress)
-    if first.addition.label not in {a.label for a in top.model.additions}:
+    if label not in {a.label for a in top.model.additions}:
         return None
     verdict = replace(verdict, reason=f"with {second.addition.label}, {verdict.reason}")
     named = replace(
@@ -160,7 +162,7 @@ def _pair(rungs: list[Rung], first: Refit, progress: Progress) -> list[Rung] | N
         checks={**found.checks, label: verdict},
         proposal=None,
     )
-    return [*rungs[:-1], replace(below, diagnosis=named), replace(middle, verdict=verdict), top]
+    return [replace(below, diagnosis=named), replace(middle, verdict=verdict), top]
 
 
 def _with_curve(rungs: list[Rung], max_effects: int, progress: Progress) -> list[Rung]:

@@ -91,3 +91,34 @@ def test_the_table_counts_shares_and_what_is_left_out():
     text = table([seen, {**seen, "name": "other", "first": "Gain@F"}])
     assert "| false additions, nothing missing | 50.0 % |" in text
     assert "2 cases worked" in text
+
+
+def test_two_that_hide_each_other_are_found_together():
+    """Neither is let in alone: the fit has grown a viscous friction of its own."""
+    case = replace(CASES["oscillator: CoulombFriction and QuadraticDrag"], seed=507_000)
+    found = score(case)
+    assert set(found.added) == {"CoulombFriction@mass", "QuadraticDrag@mass"}
+    assert found.verdict == "complete"
+    assert found.over_floor < 1.1
+
+
+@pytest.mark.parametrize(
+    ("name", "seed", "verdict"),
+    [
+        # Beside dry friction, what is left passes for a disturbance of 1.2 % of the command.
+        ("positioner: force that peaks at one speed", 509_003, "unknown-shape"),
+        ("positioner: nothing, disturbance 0", 505_000, "complete"),
+    ],
+)
+def test_a_disturbance_that_follows_the_motion_is_none(name, seed, verdict):
+    found = score(replace(CASES[name], seed=seed))
+    assert not found.trouble
+    assert found.verdict == verdict
+
+
+def test_a_curve_takes_up_what_would_pass_for_a_disturbance():
+    """A drag with a power of 1.9: the rest is 0.02 % of the command, but twice the noise."""
+    case = replace(CASES["positioner: QuadraticDrag@carriage large"], seed=501_051)
+    found = score(case)
+    assert found.added == ("QuadraticDrag@carriage", "EmpiricalOverSpeed@carriage")
+    assert found.over_floor < 1.1
