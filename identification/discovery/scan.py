@@ -165,16 +165,18 @@ def score_group(
     sensitive = [*base_names, *(name for _, names in mains for name in names)]
     problems = transfer_problems(experiment, whole, fit.values, model)
     whole_problem = problems[0]
-    simulator = simulator_of(whole_problem, sensitive, briefly=True)
+    shapes = _shapes(whole, group)
+    # What is run once is compiled fast rather than well.
+    simulator = simulator_of(whole_problem, sensitive, briefly=len(shapes) == 1)
     attached = Experiment(whole_problem, simulator, window=experiment.window)
     attached = replace(attached, also=tuple(attached.beside(p) for p in problems[1:]))
     x0 = transfer_all_states(attached, whole, experiment, model, fit.x0)
     found: dict[str, list[tuple[Scored, Mapping[str, float]]]] = {a.label: [] for a in group}
-    for shapes in _shapes(whole, group):
-        at = linearise_all(attached.parts(), x0, {**whole_problem.values, **shapes}, fit.sd)
+    for shape in shapes:
+        at = linearise_all(attached.parts(), x0, {**whole_problem.values, **shape}, fit.sd)
         for a, names in mains:
             scored = _score(whole_problem, at, len(base_names), sensitive, a, names)
-            own = {p: shapes.get(whole.parameter_of(a, p)) for p in a.effect.shape_parameters}
+            own = {p: shape.get(whole.parameter_of(a, p)) for p in a.effect.shape_parameters}
             found[a.label].append((scored, {p: v for p, v in own.items() if v is not None}))
     return [_best(every) for every in found.values()]
 
