@@ -19,7 +19,8 @@ MEANS = {
     "“twinproof improve” adds it.",
     Outcome.UNDETERMINED: "Several effects explain these data alike; see what to record next.",
     Outcome.UNKNOWN_SHAPE: "The error is above the sensors’ noise, but no effect at any place "
-    "explains it beyond chance. Look at the error against the observed variables for its shape.",
+    "explains it beyond chance by itself; “twinproof improve” also tries two together. Look at the "
+    "error against the observed variables for its shape.",
     Outcome.SENSOR: "The error is in what was measured, not in the motion.",
 }
 
