@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,6 +14,11 @@ from benchmarks.figures import Figure
 from identification.problem import Vector
 
 HERE = Path(__file__).parent
+
+
+def as_logged(recording: twinproof.Recording) -> twinproof.Recording:
+    """Return a record as it is."""
+    return recording
 
 
 @dataclass(frozen=True)
@@ -43,6 +48,7 @@ class Journey:
         free: What is fitted of the model's own parameters; None: all.
         max_effects: At most this many are added.
         also: Further stretches that are fitted at once.
+        prepare: What is done to the whole record before it is cut.
     """
 
     name: str
@@ -58,6 +64,7 @@ class Journey:
     free: Collection[str] | None = None
     max_effects: int = 4
     also: tuple[Stretch, ...] = ()
+    prepare: Callable[[twinproof.Recording], twinproof.Recording] = as_logged
 
     def load(self) -> twinproof.Model:
         """Return the model."""
@@ -67,7 +74,7 @@ class Journey:
         """Read a stretch."""
         chosen = None if self.channel_map is None else HERE / self.channel_map
         whole = twinproof.read_recording(stretch.data, self.load(), channel_map=chosen)
-        return whole.between(stretch.begin, stretch.end)
+        return self.prepare(whole).between(stretch.begin, stretch.end)
 
     def walk(self) -> Walked:
         """Do it."""
