@@ -228,7 +228,12 @@ def _up(
     progress: Progress,
     ask: Callable[..., Diagnosis] = diagnose,
 ) -> Rung:
-    """Add a candidate, test the earlier ones again, and ask what is still missing."""
+    """Add a candidate, test the earlier ones again, and ask what is still missing.
+
+    Args:
+        verdict: What let it in; None where that is only known with what comes next.
+        ask: What asks.
+    """
     progress(f"adding {chosen.addition.label}")
     progress("testing again what was added before")
     noise = below.experiment.noise()

@@ -214,9 +214,17 @@ def _with_disturbance(
 def _complete_or_curve(
     model: ExtendedModel, experiment: Experiment, fit: Fit, found: Diagnosis, base: Maximum
 ) -> Diagnosis:
-    """Call complete what needs a small disturbance, unless that follows the motion."""
+    """Call complete what needs a small disturbance, unless that follows the motion.
+
+    Args:
+        base: The maximum of the likelihood beside that disturbance.
+    """
     curves = curves_at(model, experiment, fit)
-    curve = curve_in_disturbance(model, experiment.problem, base, curves) if curves else None
+    try:
+        curve = curve_in_disturbance(model, experiment.problem, base, curves) if curves else None
+    except DivergenceError:
+        # A filter that cannot follow a curve says nothing against the disturbance.
+        curve = None
     if curve is None:
         return replace(found, outcome=Outcome.COMPLETE)
     found = replace(found, outcome=Outcome.UNKNOWN_SHAPE)
@@ -224,7 +232,9 @@ def _complete_or_curve(
         return found
     refit, verdict = adopt(curve, model, experiment, base, fit)
     before, after = (sum(d.sd**2 for d in m.disturbances) for m in (base, curve.maximum))
-    verdict = replace(verdict, removed=1.0 - after / before)
+    if before > 0:
+        # What a disturbance took up is no error of the innovations.
+        verdict = replace(verdict, removed=1.0 - after / before)
     return replace(found, proposal=proposal(model, refit, verdict, found.refits))
 
 

@@ -101,3 +101,14 @@ def test_the_ranking_lists_every_candidate_once():
     refitted = [row.refitted for row in found.ranking]
     assert refitted == sorted(refitted, reverse=True), "refits come first"
     assert all(0 <= row.explains <= 1 for row in found.ranking if row.refitted and row.evidence > 0)
+
+
+def test_declared_values_that_run_away_are_no_place_to_look():
+    """Where a fit is far from them, candidates are scored there too, if anything can be."""
+    clean = truth.pendulum_problem(coulomb=0.1, outputs=("theta", "omega"), values={"d": -1e5})
+    given = truth.noisy(clean, [1e-3, 1e-2], 1)
+    experiment, fit = Experiment.of(given).followed({**given.values, "d": 0.006})
+    assert np.all(fit.at.rms > 3 * given.noise_sd)
+    found = diagnose(extend(truth.library("Pendulum"), []), experiment, fit)
+    assert found.chosen is not None
+    assert found.chosen.addition.label == "CoulombFriction@joint"
