@@ -34,7 +34,7 @@ _WORKERS = 2
 # A shape has no slope while its effect is absent: so many over its range are scored, and so many of
 # the best tried. The one that promises most may keep nothing of it: where windows begin to run
 # away, a model that does not fit yet goes where the machine never was, and touches bumpers there.
-_SHAPES = 9
+SHAPES = 9
 _BEST_SHAPES = 3
 
 
@@ -193,7 +193,7 @@ def _shapes(model: ExtendedModel, group: Sequence[Addition]) -> list[dict[str, f
             ranges[name] = low, high
     return [
         {name: float(low * (high / low) ** share) for name, (low, high) in ranges.items()}
-        for share in np.linspace(0, 1, _SHAPES if ranges else 1)
+        for share in np.linspace(0, 1, SHAPES if ranges else 1)
     ]
 
 
