@@ -223,3 +223,17 @@ def test_a_noise_free_record_is_judged():
         again, found.fit, again, found.fit, noise, independent=found.independent
     )
     assert not verdict.accepted
+
+
+def test_a_shape_is_held_where_it_was_found_and_paid_for():
+    """Height and width of a Stribeck curve go together: the height is asked for at that width."""
+    found = tried("StribeckFriction@joint", 0.05)
+    names = [found.model.parameter_of(found.addition, p) for p in ("tau_s", "w_s")]
+    index = [found.fit.free.index(name) for name in names]
+    height = found.fit.values[names[0]]
+    # So many standard deviations of the height are to speak for it, at its width.
+    together = np.linalg.inv(found.fit.covariance[np.ix_(index, index)])
+    factor = 4.0 / (height * np.sqrt(together[0, 0]))
+    covariance = found.fit.covariance / factor**2
+    chance = chance_of_nothing(replace(found, fit=replace(found.fit, covariance=covariance)))
+    assert chance == pytest.approx(9 * 2 * stats.norm.sf(4.0), rel=1e-6)
