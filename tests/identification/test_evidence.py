@@ -225,15 +225,18 @@ def test_a_noise_free_record_is_judged():
     assert not verdict.accepted
 
 
-def test_a_shape_is_held_where_it_was_found_and_paid_for():
+@pytest.mark.parametrize("deviations", [5.0, 1.0])
+def test_a_shape_that_is_told_is_held_where_it_was_found_and_paid_for(deviations):
     """Height and width of a Stribeck curve go together: the height is asked for at that width."""
     found = tried("StribeckFriction@joint", 0.05)
     names = [found.model.parameter_of(found.addition, p) for p in ("tau_s", "w_s")]
+    height, width = (found.fit.values[name] for name in names)
     index = [found.fit.free.index(name) for name in names]
-    height = found.fit.values[names[0]]
-    # So many standard deviations of the height are to speak for it, at its width.
-    together = np.linalg.inv(found.fit.covariance[np.ix_(index, index)])
-    factor = 4.0 / (height * np.sqrt(together[0, 0]))
-    covariance = found.fit.covariance / factor**2
+    # Correlated by 0.9, the height is 4 deviations at its width, and 1.7 at any.
+    sd = np.array([height / 4 / np.sqrt(1 - 0.9**2), width / deviations])
+    covariance = found.fit.covariance.copy()
+    covariance[np.ix_(index, index)] = np.outer(sd, sd) * [[1, 0.9], [0.9, 1]]
     chance = chance_of_nothing(replace(found, fit=replace(found.fit, covariance=covariance)))
-    assert chance == pytest.approx(9 * 2 * stats.norm.sf(4.0), rel=1e-6)
+    is_told = deviations > 3
+    expected = 9 * 2 * stats.norm.sf(4.0) if is_told else 2 * stats.norm.sf(height / sd[0])
+    assert chance == pytest.approx(expected, rel=1e-6)
