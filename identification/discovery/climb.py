@@ -101,9 +101,12 @@ def _with_detours(rungs: list[Rung], max_effects: int, progress: Progress) -> li
     for below in [rungs[: k + 1] for k in range(len(rungs) - 1)]:
         for rival in _rivals(below[-1].diagnosis, rungs[-1].diagnosis.outcome):
             other = _detour(below, rival, max_effects, progress)
+            if other:
+                other = _as_taken(other, len(below) - 1, rival)
+            elif len(below) == 1 and max_effects > 1:
+                other = _pair(below[-1], rival, progress) or []
             if other and _is_better(other[-1], rungs[-1]):
-                taken = _as_taken(other, len(below) - 1, rival)
-                return _straight(taken, max_effects, progress)
+                return _straight(other, max_effects, progress)
     return rungs
 
 
