@@ -8,7 +8,8 @@ climb is therefore tried again from there, and the model at the top decides.
 
 Two effects may hide each other: where a fit has grown its own viscous friction for dry friction and
 drag, neither predicts unseen windows better alone. Where no first step is let in and something is
-left, two are tried as one.
+left, two are tried as one; so they are where the first step has a simpler rival that is not let in
+alone.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ import numpy as np
 
 from foundation.progress import Progress, silent
 from identification.discovery.crossvalidation import (
+    NO_DOUBT,
     Verdict,
     crossvalidate,
     crossvalidate_candidate,
@@ -49,7 +51,6 @@ _AT_FLOOR = 1.1
 # Two effects that are let in together, neither of which is let in alone, are to leave no doubt.
 _FIRSTS = 3
 _NEARLY_ALL = 0.9
-_NO_DOUBT = 1e-8
 
 
 @dataclass(frozen=True)
@@ -152,7 +153,7 @@ def _pair(below: Rung, first: Refit, progress: Progress) -> list[Rung] | None:
         independent=second.independent,
         tried=len(found.refits) * len(middle.diagnosis.refits),
     )
-    if verdict.chance > _NO_DOUBT or verdict.removed < _NEARLY_ALL:
+    if verdict.chance > NO_DOUBT or verdict.removed < _NEARLY_ALL:
         return None
     top = _up(middle, second, middle.diagnosis.checks[second.addition.label], progress)
     if label not in {a.label for a in top.model.additions}:

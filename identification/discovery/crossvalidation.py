@@ -48,7 +48,7 @@ CV_WINDOW = 0.25 * WINDOW
 LARGEST_CHANCE = 0.01
 _LARGEST_SECOND_CHANCE = 1e-4
 _LARGEST_CHANCE_OF_NOTHING = 1e-3
-_NO_DOUBT = 1e-8
+NO_DOUBT = 1e-8
 # An effect that removes less than this share of what a model missed may stand for another one.
 MOST_REMOVED = 0.5
 _SMALLEST_SHARE = 0.05
@@ -181,7 +181,7 @@ def crossvalidate_candidate(
     )
     chance = min(1.0, tried * chance_of_nothing(candidate))
     no_doubt = (
-        verdict.chance <= _NO_DOUBT
+        verdict.chance <= NO_DOUBT
         and verdict.removed >= MOST_REMOVED
         and is_white(candidate.independent, experiment)
     )
